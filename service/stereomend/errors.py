@@ -1,0 +1,179 @@
+"""Everything that Stereomend raises on purpose.
+
+StereomendError
+|- InputError                what was sent cannot be used; another input would do
+|  |- MalformedRequest       the request is not multipart, lacks a part or has an unknown one
+|  |- UnknownFormat          a file is in no format that is read here, or holds the wrong type
+|  |- DamagedFile            a file is truncated or corrupt
+|  |- BodyTooLarge           the request has more bytes than the server takes
+|  |- TooManyPixels          an image has more pixels than the server takes
+|  |- InvalidParameter       a parameter is unknown, of the wrong type or out of range
+|  |- ShapeMismatch          left, right and disparity do not have the same height and width
+|  |- NoValidDisparity       the disparity map has no valid pixel
+|  |- DisparityOutOfRange    a result does not fit the format that was asked for
+|  |- NotAcceptable          no media type in `Accept` is offered
+|  `- NotFound               no such route, or not with this method
+|- AccessDenied              the API key is missing or wrong
+|- Unavailable               the same request may do later
+|  |- QueueFull              more requests wait than the server holds
+|  |- NotReady               no worker is up, or the server cannot be reached
+|  |- WorkerCrashed          the worker process died while it worked on this request
+|  |- WorkLimitExceeded      the work took longer or needed more memory than the server allows
+|  `- InternalError          a fault of the server's own
+`- ConfigurationError        this process cannot start as it was told to
+   `- BackendUnavailable     the backend asked for does not work on this machine
+"""
+
+
+class StereomendError(Exception):
+    """The root of all errors raised here; its message says what came and what was expected."""
+
+    slug = "error"
+    title = "Error"
+
+
+class InputError(StereomendError):
+    """Raised when what was sent cannot be used."""
+
+    slug = "invalid-input"
+    title = "Invalid input"
+
+
+class MalformedRequest(InputError):
+    """Raised when a request is not multipart, lacks a part or has an unknown one."""
+
+    slug = "malformed-request"
+    title = "Malformed request"
+
+
+class UnknownFormat(InputError):
+    """Raised when a file is in no format that is read here, or holds the wrong type."""
+
+    slug = "unknown-format"
+    title = "Unknown format"
+
+
+class DamagedFile(InputError):
+    """Raised when a file is truncated or corrupt."""
+
+    slug = "damaged-file"
+    title = "Damaged file"
+
+
+class BodyTooLarge(InputError):
+    """Raised when a request has more bytes than the server takes."""
+
+    slug = "body-too-large"
+    title = "Body too large"
+
+
+class TooManyPixels(InputError):
+    """Raised when an image has more pixels than the server takes."""
+
+    slug = "too-many-pixels"
+    title = "Too many pixels"
+
+
+class InvalidParameter(InputError):
+    """Raised when a parameter is unknown, of the wrong type or out of range."""
+
+    slug = "invalid-parameter"
+    title = "Invalid parameter"
+
+
+class ShapeMismatch(InputError):
+    """Raised when left, right and disparity do not have the same height and width."""
+
+    slug = "shape-mismatch"
+    title = "Shapes do not match"
+
+
+class NoValidDisparity(InputError):
+    """Raised when a disparity map has no finite value above zero."""
+
+    slug = "no-valid-disparity"
+    title = "No valid disparity"
+
+
+class DisparityOutOfRange(InputError):
+    """Raised when a result does not fit the format that was asked for."""
+
+    slug = "disparity-out-of-range"
+    title = "Disparity out of range"
+
+
+class NotAcceptable(InputError):
+    """Raised when no media type in `Accept` is offered."""
+
+    slug = "not-acceptable"
+    title = "Not acceptable"
+
+
+class NotFound(InputError):
+    """Raised when there is no such route, or not with this method."""
+
+    slug = "not-found"
+    title = "Not found"
+
+
+class AccessDenied(StereomendError):
+    """Raised when the API key is missing or wrong."""
+
+    slug = "unauthorized"
+    title = "Unauthorized"
+
+
+class Unavailable(StereomendError):
+    """Raised when the same request may do later."""
+
+    slug = "unavailable"
+    title = "Unavailable"
+
+
+class QueueFull(Unavailable):
+    """Raised when more requests wait than the server holds."""
+
+    slug = "queue-full"
+    title = "Queue full"
+
+
+class NotReady(Unavailable):
+    """Raised when no worker is up, or the server cannot be reached."""
+
+    slug = "not-ready"
+    title = "Not ready"
+
+
+class WorkerCrashed(Unavailable):
+    """Raised when the worker process died while it worked on this request."""
+
+    slug = "worker-crashed"
+    title = "Worker crashed"
+
+
+class WorkLimitExceeded(Unavailable):
+    """Raised when the work took longer or needed more memory than the server allows."""
+
+    slug = "work-limit-exceeded"
+    title = "Work limit exceeded"
+
+
+class InternalError(Unavailable):
+    """Raised when the server is at fault; the log has the details under the request's id."""
+
+    slug = "internal-error"
+    title = "Internal error"
+
+
+class ConfigurationError(StereomendError):
+    """Raised when this process cannot start as it was told to."""
+
+    slug = "configuration-error"
+    title = "Configuration error"
+
+
+class BackendUnavailable(ConfigurationError):
+    """Raised when the backend asked for does not work on this machine."""
+
+    slug = "backend-unavailable"
+    title = "Backend unavailable"

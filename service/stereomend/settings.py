@@ -1,0 +1,90 @@
+"""The settings of a server: a flag beats the environment beats the TOML file beats the default."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, SecretStr, ValidationError, field_validator, model_validator
+from pydantic_settings import (
+    BaseSettings,
+    NoDecode,
+    PydanticBaseSettingsSource,
+    SettingsConfigDict,
+    TomlConfigSettingsSource,
+)
+
+from stereomend.errors import ConfigurationError
+
+LOOPBACK = ("127.0.0.1", "::1", "localhost")
+
+
+class Settings(BaseSettings):
+    """All settings, each also `STEREOMEND_<NAME>` in the environment. Build them with `load_settings`."""
+
+    model_config = SettingsConfigDict(env_prefix="STEREOMEND_", frozen=True, extra="forbid")
+
+    host: str = Field("127.0.0.1", description="address to listen on; other than loopback needs API keys")
+    port: int = Field(8000, ge=0, le=65535, description="port to listen on; 0 takes a free one")
+    backend: Literal["auto", "native", "reference"] = Field("auto", description="what computes")
+    workers: int = Field(1, ge=1, le=64, description="worker processes")
+    threads: int = Field(0, ge=0, le=256, description="threads per worker; 0: the cores shared among the workers")
+    max_upload_mb: int = Field(256, ge=1, description="largest request body [MiB]")
+    max_pixels: int = Field(16_000_000, ge=1, description="most pixels of one image")
+    max_queued_jobs: int = Field(256, ge=1, description="most requests that wait or run")
+    max_queued_mb: int = Field(4096, ge=1, description="most bytes of bodies that wait or run [MiB]")
+    work_limit_s: float = Field(300.0, gt=0, description="longest time one refinement may take [s]")
+    work_limit_mb: int = Field(8192, ge=256, description="most memory one worker may use [MiB]")
+    api_keys: Annotated[tuple[SecretStr, ...], NoDecode] = Field((), description="accepted keys, comma-separated")
+    log_format: Literal["text", "json"] = Field("text", description="form of the log lines")
+
+    @field_validator("api_keys", mode="before")
+    @classmethod
+    def _split(cls, keys: object) -> object:
+        return tuple(key.strip() for key in keys.split(",") if key.strip()) if isinstance(keys, str) else keys
+
+    @model_validator(mode="after")
+    def _guarded(self) -> Settings:
+        if self.host not in LOOPBACK and not self.api_keys:
+            raise ValueError(
+                f"host {self.host} is reachable from other machines and no API key is set; "
+                "set STEREOMEND_API_KEYS or listen on 127.0.0.1"
+            )
+        return self
+
+    @property
+    def threads_per_worker(self) -> int:
+        """The threads one worker computes with."""
+        return self.threads or max(1, len(os.sched_getaffinity(0)) // self.workers)
+
+    @classmethod
+    def settings_customise_sources(
+        cls, settings_cls: type[BaseSettings], **sources: PydanticBaseSettingsSource
+    ) -> tuple[PydanticBaseSettingsSource, ...]:
+        """Order the sources; the file is named by `STEREOMEND_CONFIG`."""
+        config = os.environ.get("STEREOMEND_CONFIG")
+        toml = TomlConfigSettingsSource(settings_cls, Path(config) if config else None)
+        return sources["init_settings"], sources["env_settings"], toml
+
+
+def load_settings(**flags: Any) -> Settings:
+    """Read the settings; flags that are None count as not given.
+
+    Raises:
+        ConfigurationError: a value is out of range, a key of the file unknown, or the file not there.
+    """
+    config = os.environ.get("STEREOMEND_CONFIG")
+    if config and not Path(config).is_file():
+        raise ConfigurationError(f"STEREOMEND_CONFIG names {config}, which is not a file")
+    try:
+        return Settings(**{name: value for name, value in flags.items() if value is not None})
+    except ValidationError as error:
+        raise ConfigurationError("; ".join(map(_sentence, error.errors()))) from error
+
+
+def _sentence(error: Mapping[str, Any]) -> str:
+    if error["type"] == "value_error":
+        return str(error["ctx"]["error"])
+    return f"{'.'.join(map(str, error['loc']))}: {error['msg']}"
