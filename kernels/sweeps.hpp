@@ -1,0 +1,50 @@
+// What the sweeps are given, and the table through which the solver calls the ones for this machine.
+#pragma once
+
+#include "pixel.cuh"
+
+namespace stereomend {
+
+// One level: images of grey levels, row-major (height, width), not changed.
+struct Level {
+    int width;
+    int height;
+    const float* left;
+    const float* right;
+};
+
+// The solver's state at one level, each plane row-major (height, width).
+struct State {
+    float* u;      // disparity [px]
+    float* u_bar;  // extrapolated disparity [px]
+    float* p_x;    // dual variable [1]
+    float* p_y;
+    float* a;      // coefficients of the linearised data term: A u + B
+    float* b;
+};
+
+struct Rows {
+    int begin;
+    int end;
+};
+
+// Floats of scratch that `linearise` and `distance` need: padded rows of both images, descriptors of both.
+constexpr int scratch_floats(int width) { return (2 * 3 + 2 * kNeighbours) * (width + 2); }
+
+// Row loops, each over its rows only; between two of them all threads must meet.
+struct Sweeps {
+    // Warps the right image by u [in], describes both, writes a and b [out] and sets u_bar to u.
+    void (*linearise)(const Level&, const State&, const SolverParams&, Rows, float* scratch);
+    // Reads u_bar (one row beyond its own), updates p_x and p_y [in/out].
+    void (*dual)(const Level&, const State&, const SolverParams&, Rows);
+    // Reads p, a, b (one row of p before its own), updates u [in/out] and writes u_bar [out].
+    void (*primal)(const Level&, const State&, const SolverParams&, Rows);
+    // Writes the Euclidean distance of the descriptors at every pixel, 0 to 2 [out].
+    void (*distance)(const Level&, const float* u, bool absolute, float* out, Rows, float* scratch);
+};
+
+extern const Sweeps sweeps_v2;
+extern const Sweeps sweeps_v3;
+extern const Sweeps sweeps_generic;
+
+}  // namespace stereomend

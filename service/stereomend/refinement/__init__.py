@@ -1,0 +1,17 @@
+"""The method: local and global disparity refinement. Knows neither HTTP nor jobs."""
+
+from stereomend.refinement.backends import BACKENDS, Backend, select_backend
+from stereomend.refinement.params import DEFAULT_PRESET, PRESETS, RefineParams, parse_params
+from stereomend.refinement.pipeline import refine, run
+
+__all__ = [
+    "BACKENDS",
+    "DEFAULT_PRESET",
+    "PRESETS",
+    "Backend",
+    "RefineParams",
+    "parse_params",
+    "refine",
+    "run",
+    "select_backend",
+]

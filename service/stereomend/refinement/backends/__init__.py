@@ -1,0 +1,44 @@
+"""The implementations of the method, and the choice among them."""
+
+from __future__ import annotations
+
+import os
+
+from stereomend.errors import BackendUnavailable
+from stereomend.refinement.backends.base import Backend, Plane, Size, Usable
+from stereomend.refinement.backends.reference import ReferenceBackend
+
+__all__ = ["BACKENDS", "Backend", "Plane", "Size", "Usable", "select_backend"]
+
+BACKENDS = ("auto", "native", "reference")
+
+
+def select_backend(name: str = "auto", threads: int = 0) -> Backend:
+    """Choose what computes: `auto` takes native.
+
+    Args:
+        name: one of `BACKENDS`.
+        threads: threads to compute with; 0 means one per core this process may use.
+
+    Raises:
+        BackendUnavailable: there is no such backend, or it does not work on this machine.
+    """
+    if name == "reference":
+        return ReferenceBackend("asked for")
+    if name == "native":
+        return _native(threads, "asked for")
+    if name == "auto":
+        return _native(threads, "auto: the C++ kernels")
+    raise BackendUnavailable(f"backend: got {name!r}, expected one of {', '.join(BACKENDS)}")
+
+
+def _native(threads: int, reason: str) -> Backend:
+    try:
+        from stereomend import _native as kernels
+        from stereomend.refinement.backends.native import NativeBackend
+    except ImportError as error:
+        raise BackendUnavailable(f"native: the compiled kernels do not load: {error}") from error
+    sets = kernels.instruction_sets()
+    if not sets:
+        raise BackendUnavailable("native: this processor lacks SSE 4.2, which the kernels need")
+    return NativeBackend(threads or len(os.sched_getaffinity(0)), f"{reason} ({sets[0]})")

@@ -1,0 +1,68 @@
+"""What a backend does. All planes are (H, W); images are grey levels from 0 to 255, disparities pixels."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from stereomend.disparity import Mask
+from stereomend.refinement.params import GdrParams, LdrParams
+
+Plane = npt.NDArray[np.floating[Any]]
+"""float32 (H, W) for `native`, float64 for `reference`."""
+
+Size = tuple[int, int]
+"""Height and width in pixels."""
+
+
+class Usable(NamedTuple):
+    """Which pixels count for the confidence, bool (H, W)."""
+
+    valid: Mask
+    """The disparity is known."""
+    matte: Mask
+    """No specular highlight."""
+
+
+class Backend(Protocol):
+    """The steps of LDR and GDR on one kind of hardware; the same numbers up to rounding."""
+
+    name: str
+    reason: str
+    """Why this backend was taken."""
+    kernel: str
+    """A hash of the kernels' sources."""
+
+    def plane(self, array: npt.NDArray[Any]) -> Plane:
+        """Bring an array to the backend's precision; the caller's own is never changed later."""
+        ...
+
+    def shrink(self, image: Plane, size: Size) -> Plane:
+        """Shrink to `size` by the area mean; further axes, as colour, stay."""
+        ...
+
+    def enlarge(self, image: Plane, size: Size) -> Plane:
+        """Enlarge to `size` bilinearly, pixel centres at half, borders repeated."""
+        ...
+
+    def confidence(self, left: Plane, right: Plane, u: Plane, usable: Usable, params: LdrParams) -> Plane:
+        """`C_f` (Eq. 1 to 4), in [0, 1], 0 where `u` is unknown."""
+        ...
+
+    def fill(self, u: Plane, known: Mask, steps: int, passes: int) -> Plane:
+        """Replace what is not known by the median of known values met in eight directions.
+
+        Up to `steps` steps each way, up to `passes` times; then the nearest known value (of equally near
+        ones the leftmost, then the upper). With nothing known, `u` comes back as it is.
+        """
+        ...
+
+    def solve(self, left: Plane, right: Plane, u: Plane, params: GdrParams) -> Plane:
+        """All warps of one level from `u`, with the dual variable starting at zero (Eq. 9 to 14)."""
+        ...
+
+    def distance(self, left: Plane, right: Plane, u: Plane) -> Plane:
+        """Euclidean distance between left and warped right signed descriptors, 0 to 2."""
+        ...

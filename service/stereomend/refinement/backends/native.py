@@ -1,0 +1,84 @@
+"""The C++ kernels, float32, on all cores given."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from stereomend import _native
+from stereomend.disparity import FloatMap, Mask
+from stereomend.opencv import cv2
+from stereomend.refinement.backends.base import Plane, Size, Usable
+from stereomend.refinement.params import GdrParams, LdrParams
+
+
+class NativeBackend:
+    """Implements `Backend`; results are bitwise equal for any number of threads."""
+
+    name = "native"
+    kernel = _native.KERNEL_HASH
+
+    def __init__(self, threads: int, reason: str) -> None:
+        self._threads = threads
+        self.reason = reason
+
+    def plane(self, array: npt.NDArray[Any]) -> FloatMap:
+        """See `Backend.plane`."""
+        return np.ascontiguousarray(array, np.float32)
+
+    def shrink(self, image: Plane, size: Size) -> Plane:
+        """See `Backend.shrink`."""
+        return _resize(image, size, cv2.INTER_AREA)
+
+    def enlarge(self, image: Plane, size: Size) -> Plane:
+        """See `Backend.enlarge`."""
+        return _resize(image, size, cv2.INTER_LINEAR)
+
+    def confidence(self, left: Plane, right: Plane, u: Plane, usable: Usable, params: LdrParams) -> Plane:
+        """See `Backend.confidence`."""
+        return _native.confidence(
+            self.plane(left),
+            self.plane(right),
+            self.plane(u),
+            usable.valid,
+            usable.matte,
+            window=params.window,
+            smoothness_weight=params.smoothness_weight,
+            smoothness_power=params.smoothness_power,
+            photometric_weight=params.photometric_weight,
+            threads=self._threads,
+        )
+
+    def fill(self, u: Plane, known: Mask, steps: int, passes: int) -> Plane:
+        """See `Backend.fill`."""
+        return _native.fill(self.plane(u), known, steps=steps, passes=passes, threads=self._threads)
+
+    def solve(self, left: Plane, right: Plane, u: Plane, params: GdrParams) -> Plane:
+        """See `Backend.solve`."""
+        return _native.solve(
+            self.plane(left),
+            self.plane(right),
+            self.plane(u),
+            warps=params.warps,
+            iterations=params.iterations,
+            data_weight=params.data_weight,
+            huber_epsilon=params.huber_epsilon,
+            tau=params.tau,
+            sigma=params.sigma,
+            absolute=params.descriptor == "absolute",
+            threads=self._threads,
+        )
+
+    def distance(self, left: Plane, right: Plane, u: Plane) -> Plane:
+        """See `Backend.distance`."""
+        return _native.distance(
+            self.plane(left), self.plane(right), self.plane(u), absolute=False, threads=self._threads
+        )
+
+
+def _resize(image: Plane, size: Size, interpolation: int) -> Plane:
+    height, width = size
+    resized: Plane = cv2.resize(image, (width, height), interpolation=interpolation)
+    return resized

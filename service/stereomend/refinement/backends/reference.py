@@ -1,0 +1,230 @@
+"""The method in NumPy float64: readable and slow, the oracle of the tests.
+
+Equation numbers are those of Yang, Simon, Linte, J. Med. Imaging 10(4), 045001, 2023; the solver is
+Algorithm 1 of Chambolle and Pock, J. Math. Imaging Vis. 40, 2011, with theta = 1.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from stereomend.disparity import Mask
+from stereomend.refinement.backends.base import Plane, Size, Usable
+from stereomend.refinement.params import GdrParams, LdrParams
+
+Array = npt.NDArray[np.float64]
+
+MIN_NORM = 1e-3
+"""Descriptors of less contrast [grey levels] are 0: below, float32 and float64 part ways."""
+MIN_GREY = 1.0
+"""Floor of I_s in Eq. 2 [grey levels]."""
+_NEIGHBOURS = [(dy, dx) for dy in (-1, 0, 1) for dx in (-1, 0, 1) if (dy, dx) != (0, 0)]
+
+
+class ReferenceBackend:
+    """Implements `Backend`."""
+
+    name = "reference"
+    kernel = "numpy"
+
+    def __init__(self, reason: str) -> None:
+        self.reason = reason
+
+    def plane(self, array: npt.NDArray[Any]) -> Array:
+        """See `Backend.plane`."""
+        return np.array(array, np.float64)
+
+    def shrink(self, image: Plane, size: Size) -> Plane:
+        """See `Backend.shrink`."""
+        return _apply(area_weights, image, size)
+
+    def enlarge(self, image: Plane, size: Size) -> Plane:
+        """See `Backend.enlarge`."""
+        return _apply(linear_weights, image, size)
+
+    def confidence(self, left: Plane, right: Plane, u: Plane, usable: Usable, params: LdrParams) -> Plane:
+        """See `Backend.confidence`."""
+        left, right, u = self.plane(left), self.plane(right), self.plane(u)
+        position = np.arange(u.shape[1]) - u
+        inside = (position >= 0) & (position <= u.shape[1] - 1)
+        smooth = smoothness(u, usable.valid, params) ** params.smoothness_power
+        difference = np.abs(left - warp(right, u)) / np.maximum(left, MIN_GREY)
+        photometric = np.maximum(0, 1 - params.photometric_weight * difference)
+        return np.where(usable.valid & usable.matte & inside, smooth * photometric, 0.0)
+
+    def fill(self, u: Plane, known: Mask, steps: int, passes: int) -> Plane:
+        """See `Backend.fill`."""
+        u, known = self.plane(u), known.copy()
+        if not known.any():
+            return u
+        for _ in range(passes):
+            medians = directional_medians(u, known, steps)
+            found = ~known & np.isfinite(medians)
+            u[found] = medians[found]
+            known |= found
+        return from_nearest(u, known)
+
+    def solve(self, left: Plane, right: Plane, u: Plane, params: GdrParams) -> Plane:
+        """See `Backend.solve`."""
+        left, right, u = self.plane(left), self.plane(right), self.plane(u)
+        own = describe(left, params.descriptor)
+        p = np.zeros((2, *u.shape))
+        for _ in range(params.warps):
+            a, b = linearise(own, describe(warp(right, u), params.descriptor), u)
+            u, p = iterate(u, p, (a, b), params)
+        return u
+
+    def distance(self, left: Plane, right: Plane, u: Plane) -> Plane:
+        """See `Backend.distance`."""
+        left, right, u = self.plane(left), self.plane(right), self.plane(u)
+        difference = describe(warp(right, u), "signed") - describe(left, "signed")
+        result: Array = np.sqrt(np.sum(difference**2, axis=0))
+        return result
+
+
+def area_weights(source: int, target: int) -> Array:
+    """Shares of `source` pixels in each of `target` larger ones, (target, source); rows sum to 1."""
+    edges = np.arange(target + 1) * (source / target)
+    upper = np.minimum(edges[1:, None], np.arange(1, source + 1))
+    lower = np.maximum(edges[:-1, None], np.arange(source))
+    return np.maximum(0, upper - lower) * (target / source)
+
+
+def linear_weights(source: int, target: int) -> Array:
+    """Weights of linear interpolation between pixel centres, borders repeated, (target, source)."""
+    position = np.clip((np.arange(target) + 0.5) * (source / target) - 0.5, 0, source - 1)
+    return np.maximum(0, 1 - np.abs(position[:, None] - np.arange(source)))
+
+
+def _apply(weights: Any, image: Plane, size: Size) -> Array:
+    rows, columns = (weights(*sides) for sides in zip(image.shape[:2], size, strict=True))
+    result: Array = np.einsum("ij,jk...->ik...", rows, np.einsum("ij,kj...->ki...", columns, image))
+    return result
+
+
+def window_sum(values: Array, radius: int) -> Array:
+    """Sums over the square window around each pixel, as far as it lies inside, (H, W)."""
+    for axis in (0, 1):
+        total = np.concatenate([np.zeros_like(values.take([0], axis)), np.cumsum(values, axis)], axis)
+        at = np.arange(values.shape[axis])
+        last = np.minimum(at + radius + 1, values.shape[axis])
+        values = total.take(last, axis) - total.take(np.maximum(at - radius, 0), axis)
+    return values
+
+
+def smoothness(u: Array, valid: Mask, params: LdrParams) -> Array:
+    """C_s (Eq. 1), in [0, 1]; 0 where the mean over the window is not positive."""
+    radius = params.window // 2
+    total = window_sum(np.where(valid, u, 0.0), radius)
+    count = window_sum(valid.astype(np.float64), radius)
+    mean = np.divide(total, count, out=np.zeros_like(u), where=(count > 0) & (total > 0))
+    deviation = np.divide(np.abs(u - mean), mean, out=np.full_like(u, np.inf), where=mean > 0)
+    with np.errstate(invalid="ignore"):
+        return np.where(mean > 0, np.maximum(0, 1 - params.smoothness_weight * deviation), 0.0)
+
+
+def warp(right: Array, u: Array) -> Array:
+    """The right image at x - u, linear in between, borders repeated, (H, W)."""
+    width = right.shape[1]
+    position = np.clip(np.arange(width) - u, 0, width - 1)
+    before = np.minimum(np.floor(position).astype(np.intp), max(width - 2, 0))
+    after = np.minimum(before + 1, width - 1)
+    rows = np.arange(right.shape[0])[:, None]
+    fraction = position - before
+    return (1 - fraction) * right[rows, before] + fraction * right[rows, after]
+
+
+def describe(image: Array, descriptor: str) -> Array:
+    """Differences to the 3 x 3 neighbours divided by their norm (Eq. 10), (8, H, W); borders repeated."""
+    height, width = image.shape
+    padded = np.pad(image, 1, mode="edge")
+    shifted = [padded[1 + dy : 1 + dy + height, 1 + dx : 1 + dx + width] for dy, dx in _NEIGHBOURS]
+    differences = np.stack(shifted) - image
+    if descriptor == "absolute":
+        differences = np.abs(differences)
+    norm = np.sqrt(np.sum(differences**2, axis=0))
+    return np.divide(differences, norm, out=np.zeros_like(differences), where=norm > MIN_NORM)
+
+
+def linearise(own: Array, warped: Array, u: Array) -> tuple[Array, Array]:
+    """A and B of the data term A u + B, each (H, W), from descriptors (8, H, W) around `u`."""
+    slope = np.gradient(warped, axis=2) if u.shape[1] > 1 else np.zeros_like(warped)
+    g = -slope
+    r = warped - own - g * u
+    return np.sum(g * g, axis=0), np.sum(g * r, axis=0)
+
+
+def gradient(u: Array) -> Array:
+    """Forward differences along x and y, (2, H, W), 0 at the far border."""
+    result = np.zeros((2, *u.shape))
+    result[0, :, :-1] = np.diff(u, axis=1)
+    result[1, :-1] = np.diff(u, axis=0)
+    return result
+
+
+def divergence(p: Array) -> Array:
+    """Minus the adjoint of `gradient`: (2, H, W) to (H, W)."""
+    result = np.zeros(p.shape[1:])
+    result[:, :-1] += p[0, :, :-1]
+    result[:, 1:] -= p[0, :, :-1]
+    result[:-1] += p[1, :-1]
+    result[1:] -= p[1, :-1]
+    return result
+
+
+def prox_dual(p: Array, sigma: float, epsilon: float) -> Array:
+    """The prox of sigma times the conjugate of the Huber norm, p of shape (2, H, W)."""
+    p = p / (1 + sigma * epsilon)
+    result: Array = p / np.maximum(1, np.sqrt(np.sum(p**2, axis=0)))
+    return result
+
+
+def prox_data(u: Array, step: float, data: tuple[Array, Array]) -> Array:
+    """argmin over v of (v - u)^2 / 2 + step (A v^2 / 2 + B v), each (H, W)."""
+    a, b = data
+    return (u - step * b) / (1 + step * a)
+
+
+def iterate(u: Array, p: Array, data: tuple[Array, Array], params: GdrParams) -> tuple[Array, Array]:
+    """The primal-dual iterations of one warp; returns u (H, W) and p (2, H, W)."""
+    u_bar = u
+    for _ in range(params.iterations):
+        p = prox_dual(p + params.sigma * gradient(u_bar), params.sigma, params.huber_epsilon)
+        old = u
+        u = prox_data(u + params.tau * divergence(p), 2 * params.data_weight * params.tau, data)
+        u_bar = 2 * u - old
+    return u, p
+
+
+def directional_medians(u: Array, known: Mask, steps: int) -> Array:
+    """Median of the first known values within `steps` steps in eight directions, NaN for none, (H, W)."""
+    met = np.stack([_first_met(u, known, direction, steps) for direction in _NEIGHBOURS])
+    order = np.sort(met, axis=0)
+    count = np.sum(np.isfinite(met), axis=0)
+    lower, upper = (np.take_along_axis(order, np.maximum(i, 0)[None], 0)[0] for i in ((count - 1) // 2, count // 2))
+    return np.where(count > 0, (lower + upper) / 2, np.nan)
+
+
+def _first_met(u: Array, known: Mask, direction: tuple[int, int], steps: int) -> Array:
+    height, width = u.shape
+    y, x = np.mgrid[:height, :width]
+    met = np.full(u.shape, np.nan)
+    for step in range(1, min(steps, max(height, width)) + 1):
+        row, column = y + step * direction[0], x + step * direction[1]
+        inside = (row >= 0) & (row < height) & (column >= 0) & (column < width) & np.isnan(met)
+        hit = np.flatnonzero(inside)[known[row[inside], column[inside]]]
+        met.flat[hit] = u[row.flat[hit], column.flat[hit]]
+    return met
+
+
+def from_nearest(u: Array, known: Mask) -> Array:
+    """Replace what is not known by the nearest known value; of equally near ones the leftmost, then the upper."""
+    columns, rows = np.nonzero(known.T)
+    result = u.copy()
+    for y, x in np.argwhere(~known):
+        nearest = np.argmin((rows - y) ** 2 + (columns - x) ** 2)
+        result[y, x] = u[rows[nearest], columns[nearest]]
+    return result

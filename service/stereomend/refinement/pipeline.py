@@ -1,0 +1,108 @@
+"""One refinement from input to result: initial, LDR, GDR."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from stereomend.disparity import DisparityMap, Image, RefinementResult, StereoPair, check_same_size
+from stereomend.refinement.backends import Backend, Plane, Size, select_backend
+from stereomend.refinement.gdr import refine_globally
+from stereomend.refinement.initial import choose_initial, match_semiglobally, uploaded
+from stereomend.refinement.ldr import Local, confidence_of, fill_unknown, refine_locally
+from stereomend.refinement.params import Initial, RefineParams, parse_params
+from stereomend.refinement.pyramid import Sparse, enlarge_disparity, enlarge_mask, shrink_disparity, working_size
+from stereomend.refinement.report import Start, Trace, assemble
+from stereomend.refinement.scene import Scene, make_scene
+
+STAGES = ("initial", "ldr", "gdr")
+
+
+def refine(
+    left: Image,
+    right: Image,
+    disparity: npt.NDArray[Any] | None = None,
+    *,
+    backend: str = "auto",
+    threads: int = 0,
+    **params: Any,
+) -> RefinementResult:
+    """Refine in this process what `Client.refine` would refine on a server.
+
+    Args:
+        left: uint8 or uint16, (H, W) or (H, W, 3) RGB, rectified.
+        right: as `left`.
+        disparity: (H, W) px, of the left image; not finite or <= 0 is unknown. None: matched by SGBM.
+        backend: `auto`, `native` or `reference`.
+        threads: threads to compute with; 0 means one per core.
+        **params: fields of `RefineParams`, such as `preset="released"` or `gdr={"warps": 10}`.
+
+    Raises:
+        UnknownFormat: an array is of the wrong type.
+        ShapeMismatch: heights or widths differ.
+        InvalidParameter: a parameter is unknown or out of range.
+        NoValidDisparity: the map has no usable pixel.
+        BackendUnavailable: the backend does not work on this machine.
+    """
+    upload = None if disparity is None else DisparityMap.from_array(disparity)
+    return run(StereoPair(left, right), upload, parse_params(params), select_backend(backend, threads))
+
+
+def run(
+    pair: StereoPair, upload: DisparityMap | None, params: RefineParams, backend: Backend
+) -> RefinementResult:
+    """Refine a disparity map; `upload` None starts from the matcher, or zero if the parameters say so.
+
+    The result's `timings` hold `initial`, `ldr` and `gdr` in ms. Raises as `refine`.
+    """
+    if upload is not None:
+        check_same_size("disparity", upload.shape, "left", pair.shape)
+    kind = choose_initial(params, upload)
+    timings = dict.fromkeys(STAGES, 0.0)
+    scene = make_scene(pair, working_size(pair.shape, params.processing_scale), params.ldr, backend)
+    with _timed(timings, "initial", kind == "sgbm"):
+        start = _start(kind, upload, scene, pair.shape, backend)
+    with _timed(timings, "ldr", "ldr" in params.stages and kind != "zero"):
+        confidence, local = _local(start, scene, params, backend)
+    refined = local.u
+    with _timed(timings, "gdr", "gdr" in params.stages):
+        if "gdr" in params.stages:
+            refined = refine_globally(scene, local.u, params.gdr, backend)
+    return assemble(Trace(scene, start, confidence, local, refined), params, backend, timings)
+
+
+def _start(kind: Initial, upload: DisparityMap | None, scene: Scene, size: Size, backend: Backend) -> Start:
+    if kind == "sgbm":
+        working = match_semiglobally(scene, backend)
+        full = enlarge_disparity(working.u, size, backend)
+        known = enlarge_mask(working.valid, size)
+        return Start(kind, Sparse(np.where(known, full, 0), known), working)
+    if kind == "zero" or upload is None:
+        return Start(kind, _nothing(size, backend), _nothing(scene.size, backend))
+    full_size = uploaded(upload)
+    return Start(kind, full_size, shrink_disparity(full_size, scene.size, backend))
+
+
+def _nothing(size: Size, backend: Backend) -> Sparse:
+    return Sparse(backend.plane(np.zeros(size)), np.zeros(size, np.bool_))
+
+
+def _local(start: Start, scene: Scene, params: RefineParams, backend: Backend) -> tuple[Plane, Local]:
+    confidence = confidence_of(start.working, scene, params.ldr, backend)
+    steps = max(1, round(params.ldr.search_px * params.processing_scale))
+    if "ldr" in params.stages:
+        return confidence, refine_locally(start.working, confidence, params.ldr, steps, backend)
+    return confidence, fill_unknown(start.working, params.ldr, steps, backend)
+
+
+@contextmanager
+def _timed(timings: dict[str, float], stage: str, runs: bool) -> Iterator[None]:
+    began = time.perf_counter()
+    yield
+    if runs:
+        timings[stage] = (time.perf_counter() - began) * 1e3

@@ -1,0 +1,69 @@
+"""Sizes and changes of size: from the input to the working size, and among the levels of the pyramid."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from stereomend.disparity import DisparityMap, Mask
+from stereomend.refinement.backends import Backend, Plane, Size
+
+SMALLEST_SIDE = 8
+"""No level of a pyramid has a shorter side, in pixels, unless the finest has."""
+
+_HALF = 0.5 - 1e-6  # a share of one half survives rounding
+
+
+class Sparse(NamedTuple):
+    """A disparity map (H, W) in pixels of its own size, 0 where `valid` (H, W) is false."""
+
+    u: Plane
+    valid: Mask
+
+
+def working_size(size: Size, scale: float) -> Size:
+    """The size to work at: each side times `scale`, rounded, at least 1 px."""
+    return max(1, round(size[0] * scale)), max(1, round(size[1] * scale))
+
+
+def level_sizes(size: Size, levels: int) -> list[Size]:
+    """Sizes of at most `levels` levels, finest first, each half of the one before, rounded up."""
+    sizes = [size]
+    while len(sizes) < levels:
+        height, width = ((side + 1) // 2 for side in sizes[-1])
+        if min(height, width) < SMALLEST_SIDE:
+            break
+        sizes.append((height, width))
+    return sizes
+
+
+def shrink_disparity(sparse: Sparse, size: Size, backend: Backend) -> Sparse:
+    """Shrink by the area mean over valid pixels, times the width ratio; valid where half of the area is."""
+    share = backend.shrink(backend.plane(sparse.valid), size)
+    total = backend.shrink(backend.plane(np.where(sparse.valid, sparse.u, 0)), size)
+    valid = np.ascontiguousarray(share >= _HALF)
+    ratio = size[1] / sparse.u.shape[1]
+    u = np.divide(total, share, out=np.zeros_like(total), where=valid) * total.dtype.type(ratio)
+    return Sparse(u, valid)
+
+
+def enlarge_disparity(u: Plane, size: Size, backend: Backend) -> Plane:
+    """Enlarge bilinearly, times the width ratio: the values are pixels of the new size."""
+    enlarged = backend.enlarge(u, size)
+    return enlarged * enlarged.dtype.type(size[1] / u.shape[1])
+
+
+def enlarge_mask(mask: Mask, size: Size) -> Mask:
+    """For each pixel of `size` (height, width) the flag of the pixel of `mask` that its centre falls on."""
+    rows, columns = (
+        ((np.arange(target) + 0.5) * source / target).astype(np.intp)
+        for source, target in zip(mask.shape, size, strict=True)
+    )
+    return mask[np.ix_(rows, columns)]
+
+
+def as_sparse(disparity: DisparityMap) -> Sparse:
+    """An uploaded map; what reaches beyond the image width cannot be a match and counts as unknown."""
+    valid = disparity.valid & (disparity.values < disparity.shape[1])
+    return Sparse(disparity.values, valid)

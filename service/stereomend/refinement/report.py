@@ -1,0 +1,101 @@
+"""From working size back to the input's: the result with all that is told about it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from importlib.metadata import version
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from stereomend.disparity import FloatMap, RefinementResult
+from stereomend.refinement.backends import Backend, Plane, Size
+from stereomend.refinement.ldr import Local, confidence_of
+from stereomend.refinement.params import Initial, RefineParams
+from stereomend.refinement.pyramid import Sparse, enlarge_disparity, enlarge_mask, level_sizes
+from stereomend.refinement.quality import Origin, provenance_of, residual, shares_of, warnings_of
+from stereomend.refinement.scene import Scene
+
+
+class Start(NamedTuple):
+    """The initial disparity at both sizes."""
+
+    kind: Initial
+    full: Sparse
+    working: Sparse
+
+
+class Trace(NamedTuple):
+    """What happened on the way, each plane (H, W) at working size."""
+
+    scene: Scene
+    start: Start
+    confidence: Plane
+    """Of the initial disparity."""
+    local: Local
+    refined: Plane
+
+
+def assemble(
+    trace: Trace, params: RefineParams, backend: Backend, timings: dict[str, float]
+) -> RefinementResult:
+    """Bring the outcome back to input size and describe it."""
+    initial = trace.start.full
+    size: Size = (initial.u.shape[0], initial.u.shape[1])
+    origin = Origin(initial, initial.valid & enlarge_mask(trace.local.inliers, size))
+    disparity = _at_input_size(trace, origin, params, backend)
+    refined = Sparse(trace.refined, trace.refined > 0)
+    provenance = provenance_of(disparity, origin)
+    shares = {"valid_in": float(initial.valid.mean())} | shares_of(provenance)
+    return RefinementResult(
+        disparity=disparity,
+        confidence=_enlarged(confidence_of(refined, trace.scene, params.ldr, backend), size, backend),
+        provenance=provenance,
+        input_confidence=_enlarged(trace.confidence, size, backend) * initial.valid,
+        timings=timings,
+        meta=_describe(trace, params, backend) | {"quality": shares | _quality(trace, refined, params, backend)},
+    )
+
+
+def _at_input_size(trace: Trace, origin: Origin, params: RefineParams, backend: Backend) -> FloatMap:
+    enlarged = np.maximum(enlarge_disparity(trace.refined, _size(origin.kept), backend), 0)
+    disparity = enlarged.astype(np.float32, copy=False)
+    return disparity if "gdr" in params.stages else np.where(origin.kept, origin.initial.u, disparity)
+
+
+def _size(plane: np.ndarray[Any, Any]) -> Size:
+    return plane.shape[0], plane.shape[1]
+
+
+def _enlarged(confidence: Plane, size: Size, backend: Backend) -> FloatMap:
+    return np.clip(backend.enlarge(confidence, size), 0, 1).astype(np.float32, copy=False)
+
+
+def _describe(trace: Trace, params: RefineParams, backend: Backend) -> dict[str, Any]:
+    return {
+        "version": version("stereomend"),
+        "kernel": backend.kernel,
+        "preset": params.preset,
+        "backend": backend.name,
+        "initial": trace.start.kind,
+        "params": params.model_dump(mode="json"),
+    }
+
+
+def _quality(trace: Trace, refined: Sparse, params: RefineParams, backend: Backend) -> dict[str, Any]:
+    levels = len(level_sizes(trace.scene.size, params.gdr.levels)) if "gdr" in params.stages else 0
+    return {
+        "levels": levels,
+        "residual_before": residual(trace.scene, trace.start.working, backend),
+        "residual_after": residual(trace.scene, refined, backend),
+        "warnings": list(_warnings(trace, refined, params, backend)),
+    }
+
+
+def _warnings(trace: Trace, refined: Sparse, params: RefineParams, backend: Backend) -> Iterator[str]:
+    if "ldr" in params.stages and trace.start.kind != "zero":
+        if not (trace.confidence >= params.ldr.min_confidence).any():
+            yield "no-inliers"
+        if params.ldr.specular == "saturation" and not trace.scene.coloured:
+            yield "no-colour"
+    yield from warnings_of(trace.scene, trace.start.working, refined, backend)
