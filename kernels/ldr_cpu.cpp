@@ -37,7 +37,7 @@ void sum_along_row(const float* u, const bool* valid, int width, int radius, flo
         add(x + radius, 1);
         sums[x] = static_cast<float>(sum);
         counts[x] = static_cast<float>(count);
-        add(x - radius - 1, -1);
+        add(x - radius, -1);
     }
 }
 

@@ -14,6 +14,7 @@ StereomendError
 |  |- NotAcceptable          no media type in `Accept` is offered
 |  `- NotFound               no such route, or not with this method
 |- AccessDenied              the API key is missing or wrong
+|  `- Forbidden              the request names another host or comes from another origin's web page
 |- Unavailable               the same request may do later
 |  |- QueueFull              more requests wait than the server holds
 |  |- NotReady               no worker is up, or the server cannot be reached
@@ -30,6 +31,12 @@ class StereomendError(Exception):
 
     slug = "error"
     title = "Error"
+    status: int | None = None
+    """The HTTP status, where a server answered with this error."""
+    request_id: str | None = None
+    """The server's name for the request, where a server answered with this error."""
+    retry_after: float | None = None
+    """Seconds after which the same request may do, where known."""
 
 
 class InputError(StereomendError):
@@ -123,6 +130,13 @@ class AccessDenied(StereomendError):
     title = "Unauthorized"
 
 
+class Forbidden(AccessDenied):
+    """Raised when a request names another host or comes from a web page of another origin."""
+
+    slug = "forbidden"
+    title = "Forbidden"
+
+
 class Unavailable(StereomendError):
     """Raised when the same request may do later."""
 
@@ -177,3 +191,11 @@ class BackendUnavailable(ConfigurationError):
 
     slug = "backend-unavailable"
     title = "Backend unavailable"
+
+
+def error_from_slug(slug: str, detail: str) -> StereomendError:
+    """Build the error that a problem document or a worker names; an unknown slug gives the root class."""
+    classes = [StereomendError]
+    for known in classes:
+        classes.extend(known.__subclasses__())
+    return next((known for known in classes if known.slug == slug), StereomendError)(detail)
