@@ -2,6 +2,8 @@
 //
 // This file is compiled once per instruction set. Everything but the table is local to the file: a function
 // shared by name would leave one copy, perhaps the one that older machines cannot run.
+#include <initializer_list>
+
 #include "sweeps.hpp"
 
 namespace stereomend {
@@ -12,12 +14,15 @@ class RowRing {
 public:
     RowRing(float* memory, int width) : memory_(memory), width_(width), stride_(width + 2) {}
 
-    float* slot(int y) { return memory_ + (y % 3) * stride_ + 1; }
+    float* base(int y) { return memory_ + (y % 3) * stride_ + 1; }
+    float* rest(int y) { return base(y) + 3 * stride_; }
+    GreyRow row(int y) { return {base(y), rest(y)}; }
 
     void pad(int y) {
-        float* row = slot(y);
-        row[-1] = row[0];
-        row[width_] = row[width_ - 1];
+        for (float* row : {base(y), rest(y)}) {
+            row[-1] = row[0];
+            row[width_] = row[width_ - 1];
+        }
     }
 
 private:
@@ -28,8 +33,10 @@ private:
 
 void load_row(const Level& level, int y, RowRing& ring) {
     const float* source = level.left + static_cast<long>(y) * level.width;
-    float* row = ring.slot(y);
-    for (int x = 0; x < level.width; ++x) row[x] = source[x];
+    float* base = ring.base(y);
+    float* rest = ring.rest(y);
+    for (int x = 0; x < level.width; ++x) base[x] = source[x];
+    for (int x = 0; x < level.width; ++x) rest[x] = 0.0f;
     ring.pad(y);
 }
 
@@ -37,14 +44,19 @@ void warp_row(const Level& level, const float* u, int y, RowRing& ring) {
     const long offset = static_cast<long>(y) * level.width;
     const float* source = level.right + offset;
     const float* shift = u + offset;
-    float* row = ring.slot(y);
+    float* base = ring.base(y);
+    float* rest = ring.rest(y);
 #pragma GCC ivdep
-    for (int x = 0; x < level.width; ++x) row[x] = sample_row(source, level.width, x, shift[x]);
+    for (int x = 0; x < level.width; ++x) {
+        const Grey grey = sample_row(source, level.width, x, shift[x]);
+        base[x] = grey.base;
+        rest[x] = grey.rest;
+    }
     ring.pad(y);
 }
 
 template <bool Absolute>
-void describe_row(const float* above, const float* centre, const float* below, int width, float* out) {
+void describe_row(GreyRow above, GreyRow centre, GreyRow below, int width, float* out) {
     const int stride = width + 2;
 #pragma GCC ivdep
     for (int x = 0; x < width; ++x) {
@@ -63,8 +75,8 @@ public:
           u_(u),
           describe_(absolute ? describe_row<true> : describe_row<false>),
           left_rows_(scratch, level.width),
-          right_rows_(scratch + 3 * stride(), level.width),
-          left(scratch + 6 * stride()),
+          right_rows_(scratch + 6 * stride(), level.width),
+          left(scratch + 12 * stride()),
           right(left + kNeighbours * stride()) {}
 
     int stride() const { return level_.width + 2; }
@@ -78,8 +90,8 @@ public:
         const int above = y > 0 ? y - 1 : 0;
         const int below = y + 1 < level_.height ? y + 1 : y;
         if (below > y) load(below);
-        describe_(left_rows_.slot(above), left_rows_.slot(y), left_rows_.slot(below), level_.width, left);
-        describe_(right_rows_.slot(above), right_rows_.slot(y), right_rows_.slot(below), level_.width, right);
+        describe_(left_rows_.row(above), left_rows_.row(y), left_rows_.row(below), level_.width, left);
+        describe_(right_rows_.row(above), right_rows_.row(y), right_rows_.row(below), level_.width, right);
     }
 
 private:
@@ -90,7 +102,7 @@ private:
 
     const Level& level_;
     const float* u_;
-    void (*describe_)(const float*, const float*, const float*, int, float*);
+    void (*describe_)(GreyRow, GreyRow, GreyRow, int, float*);
     RowRing left_rows_;
     RowRing right_rows_;
 

@@ -74,9 +74,9 @@ void confidence_row(const ConfidenceInput& in, const ConfidenceParams& params, i
             out[x] = 0.0f;
             continue;
         }
-        const float match = sample_row(right, in.size.width, x, u);
+        const Grey match = sample_row(right, in.size.width, x, u);
         out[x] = smoothness(u, sums[x], counts[x], params) *
-                 photometric(in.left[offset + x], match, params.photometric_weight);
+                 photometric(in.left[offset + x], match.base + match.rest, params.photometric_weight);
     }
 }
 

@@ -38,30 +38,45 @@ PIXEL_FN float smaller(float a, float b) { return a < b ? a : b; }
 
 PIXEL_FN int clamp_index(int i, int size) { return i < 0 ? 0 : (i >= size ? size - 1 : i); }
 
+// A grey level as the sum of a pixel's own level and a rest. The sum itself would round away the rest's last
+// digits, and with them the contrast of smooth tissue; differences of both parts keep them.
+struct Grey {
+    float base;
+    float rest;
+};
+
 // The value of a row at x - u, linear in between, borders repeated.
 // u is split into whole and fraction first: x - u itself would lose digits of u.
-PIXEL_FN float sample_row(const float* row, int width, int x, float u) {
+PIXEL_FN Grey sample_row(const float* row, int width, int x, float u) {
     const float safe = smaller(larger(u, -kFarAway), kFarAway);
     const float whole = floorf(safe);
     const float fraction = safe - whole;
     const int at = x - static_cast<int>(whole);
     const float here = row[clamp_index(at, width)];
     const float before = row[clamp_index(at - 1, width)];
-    return here + fraction * (before - here);
+    return {here, fraction * (before - here)};
 }
 
-// Differences to the 3 x 3 neighbours, not yet normalised (Eq. 10).
-// above, centre, below: three neighbouring rows; x - 1 and x + 1 must be readable.
-PIXEL_FN void differences(const float* above, const float* centre, const float* below, int x, float v[kNeighbours]) {
-    const float c = centre[x];
-    v[0] = above[x - 1] - c;
-    v[1] = above[x] - c;
-    v[2] = above[x + 1] - c;
-    v[3] = centre[x - 1] - c;
-    v[4] = centre[x + 1] - c;
-    v[5] = below[x - 1] - c;
-    v[6] = below[x] - c;
-    v[7] = below[x + 1] - c;
+// Pointers to a row of grey levels; x - 1 and x + 1 must be readable.
+struct GreyRow {
+    const float* base;
+    const float* rest;
+};
+
+PIXEL_FN float difference(GreyRow a, int x_a, GreyRow b, int x_b) {
+    return (a.base[x_a] - b.base[x_b]) + (a.rest[x_a] - b.rest[x_b]);
+}
+
+// Differences to the 3 x 3 neighbours in three neighbouring rows, not yet normalised (Eq. 10).
+PIXEL_FN void differences(GreyRow above, GreyRow centre, GreyRow below, int x, float v[kNeighbours]) {
+    v[0] = difference(above, x - 1, centre, x);
+    v[1] = difference(above, x, centre, x);
+    v[2] = difference(above, x + 1, centre, x);
+    v[3] = difference(centre, x - 1, centre, x);
+    v[4] = difference(centre, x + 1, centre, x);
+    v[5] = difference(below, x - 1, centre, x);
+    v[6] = difference(below, x, centre, x);
+    v[7] = difference(below, x + 1, centre, x);
 }
 
 // 1 / |v|, or 0 where the contrast is too small to have a direction.

@@ -28,8 +28,9 @@ struct Rows {
     int end;
 };
 
-// Floats of scratch that `linearise` and `distance` need: padded rows of both images, descriptors of both.
-constexpr int scratch_floats(int width) { return (2 * 3 + 2 * kNeighbours) * (width + 2); }
+// Floats of scratch that `linearise` and `distance` need: three padded rows of both images, each in two parts,
+// and the descriptors of both.
+constexpr int scratch_floats(int width) { return (2 * 2 * 3 + 2 * kNeighbours) * (width + 2); }
 
 // Row loops, each over its rows only; between two of them all threads must meet.
 struct Sweeps {
