@@ -1,0 +1,176 @@
+"""The C++ kernels against the float64 reference, from the same state, on awkward sizes."""
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stereomend import _native
+from stereomend.refinement import parse_params, select_backend
+from stereomend.refinement.backends.base import Usable
+from stereomend.refinement.params import LdrParams
+
+SIZES = [(1, 1), (1, 2), (2, 1), (3, 3), (1, 33), (33, 1), (3, 2000), (2000, 3), (47, 61), (479, 631)]
+PRESETS = ["paper", "released"]
+
+
+@pytest.fixture(scope="module")
+def native():
+    return select_backend("native", threads=2)
+
+
+@pytest.fixture(scope="module")
+def reference():
+    return select_backend("reference")
+
+
+def make_state(size, seed=3):
+    """A textured pair with a smooth disparity between, and an estimate that is off by up to a pixel or so."""
+    rng = np.random.default_rng(seed)
+    height, width = size
+    y, x = np.mgrid[:height, :width].astype(float)
+    truth = 6 + 3 * np.sin(x / 40) * np.cos(y / 30)
+    phases = rng.uniform(0, 6, 5)
+    waves = list(zip((0.9, 0.5, 0.23, 0.11, 0.05), (0.3, 0.7, 0.2, 0.15, 0.04), phases, strict=True))
+
+    def texture(column):
+        return 120 + sum(20 * np.sin(fx * column + fy * y + phase) for fx, fy, phase in waves)
+
+    noise = rng.normal(0, 2, (2, *size))
+    pair = np.clip(np.stack([texture(x - truth), 1.1 * texture(x) - 5]) + noise, 0, 255)
+    u = truth + rng.normal(0, 0.7, size)
+    return [plane.astype(np.float32) for plane in (*pair, u)]
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize("size", SIZES)
+def test_one_warp_with_its_iterations_matches_the_reference(size, preset, native, reference):
+    params = parse_params({"preset": preset, "gdr": {"warps": 1}}).gdr
+    state = make_state(size)
+    error = np.abs(native.solve(*state, params) - reference.solve(*state, params))
+    assert error.max() <= 2e-4
+    assert np.mean(error <= 1e-4) >= 0.999
+
+
+@pytest.mark.parametrize("size", [(47, 61), (3, 200)])
+def test_absolute_descriptors_match_the_reference(size, native, reference):
+    params = parse_params({"gdr": {"warps": 1, "descriptor": "absolute"}}).gdr
+    state = make_state(size)
+    assert np.abs(native.solve(*state, params) - reference.solve(*state, params)).max() <= 2e-4
+
+
+def test_disparities_out_of_the_image_match_the_reference(native, reference):
+    left, right, u = make_state((20, 30))
+    u[::2] *= -9
+    u[1::4] += 1e5
+    params = parse_params({"gdr": {"warps": 1}}).gdr
+    assert np.allclose(native.solve(left, right, u, params), reference.solve(left, right, u, params), rtol=1e-6)
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_the_descriptors_distance_matches_the_reference(size, native, reference):
+    state = make_state(size)
+    assert np.abs(native.distance(*state) - reference.distance(*state)).max() < 2e-3
+
+
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("preset", PRESETS)
+def test_confidence_matches_the_reference(size, preset, native, reference):
+    rng = np.random.default_rng(5)
+    usable = Usable(rng.random(size) < 0.8, rng.random(size) < 0.9)
+    state, params = make_state(size), parse_params({"preset": preset}).ldr
+    expected = reference.confidence(*state, usable, params)
+    assert np.abs(native.confidence(*state, usable, params) - expected).max() < 1e-4
+
+
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize(("share", "steps", "passes"), [(0.3, 20, 5), (0.01, 4, 2), (0.002, 1, 1)])
+def test_filling_matches_the_reference(size, share, steps, passes, native, reference):
+    if size == (479, 631) and share < 0.1:
+        pytest.skip("brute force over 300,000 holes takes minutes; the smaller sizes show the same")
+    rng = np.random.default_rng(11)
+    u, known = rng.uniform(1, 60, size).astype(np.float32), rng.random(size) < share
+    known.flat[rng.integers(known.size)] = True
+    assert np.allclose(native.fill(u, known, steps, passes), reference.fill(u, known, steps, passes), rtol=1e-6)
+
+
+def test_of_equally_near_inliers_the_leftmost_then_the_upper_is_taken(native):
+    u = np.arange(25, dtype=np.float32).reshape(5, 5)
+    known = np.zeros((5, 5), bool)
+    known[0, 2] = known[2, 0] = known[2, 4] = known[4, 2] = True
+    assert native.fill(u, known, steps=1, passes=1)[2, 2] == u[2, 0]
+    known[2, 0] = False
+    assert native.fill(u, known, steps=1, passes=1)[2, 2] == u[0, 2]
+
+
+@pytest.mark.parametrize("shape", [(48, 64), (61, 47), (9, 300), (3, 3)])
+def test_resizing_matches_the_reference(shape, native, reference):
+    image = np.random.default_rng(2).uniform(0, 255, shape).astype(np.float32)
+    half = tuple((side + 1) // 2 for side in shape)
+    assert np.abs(native.shrink(image, half) - reference.shrink(image, half)).max() < 1e-3
+    assert np.abs(native.enlarge(image, shape) - reference.enlarge(image, shape)).max() < 1e-3
+    twice = tuple(2 * side - 1 for side in shape)
+    assert np.abs(native.enlarge(image, twice) - reference.enlarge(image, twice)).max() < 2e-2
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize("size", [(1, 1), (3, 2000), (479, 631)])
+def test_results_are_bitwise_equal_for_any_number_of_threads(size, preset):
+    params = parse_params({"preset": preset})
+    left, right, u = make_state(size)
+    usable = Usable(u > 5, left > 60)
+    results = []
+    for threads in (1, 2, 5):
+        backend = select_backend("native", threads)
+        confidence = backend.confidence(left, right, u, usable, params.ldr)
+        filled = backend.fill(u, confidence > 0.5, 20, 5)
+        solved = backend.solve(left, right, filled, params.gdr)
+        results.append([plane.tobytes() for plane in (confidence, filled, solved, backend.distance(left, right, u))])
+    assert results[0] == results[1] == results[2]
+
+
+def test_instruction_sets_differ_by_rounding_only():
+    left, right, u = make_state((100, 150))
+    options = {"warps": 1, "iterations": 5, "data_weight": 0.5, "huber_epsilon": 0.1, "tau": 0.25, "sigma": 0.5}
+    results = [
+        _native.solve(left, right, u, **options, absolute=False, threads=1, instruction_set=name)
+        for name in _native.instruction_sets()
+    ]
+    assert len(results) >= 1
+    for other in results[1:]:
+        assert np.abs(other - results[0]).max() < 1e-4
+
+
+def test_the_kernels_refuse_what_does_not_fit():
+    plane, narrow = np.zeros((4, 5), np.float32), np.zeros((4, 4), np.float32)
+    with pytest.raises(ValueError, match="differ in shape"):
+        _native.distance(plane, narrow, plane, absolute=False, threads=1)
+    with pytest.raises(ValueError, match="no pixel"):
+        _native.distance(plane[:0], plane[:0], plane[:0], absolute=False, threads=1)
+    with pytest.raises(TypeError):
+        _native.distance(plane.astype(np.float64), plane, plane, absolute=False, threads=1)
+    with pytest.raises(ValueError, match="threads"):
+        _native.fill(plane, plane > 0, steps=1, passes=1, threads=0)
+
+
+def test_the_caller_s_arrays_stay_as_they_are(native):
+    left, right, u = make_state((20, 30))
+    before = [plane.copy() for plane in (left, right, u)]
+    native.solve(left, right, u, parse_params().gdr)
+    native.fill(u, u > 6, 3, 1)
+    native.confidence(left, right, u, Usable(u > 0, u > 0), LdrParams())
+    assert all((a == b).all() for a, b in zip((left, right, u), before, strict=True))
+
+
+@pytest.mark.skipif(shutil.which("g++") is None or shutil.which("nm") is None, reason="needs g++ and nm")
+def test_the_sweeps_share_no_function_by_name(tmp_path):
+    """Of functions shared by name the linker keeps one copy, perhaps the one that older machines cannot run."""
+    source = Path(__file__).parents[3] / "kernels" / "gdr_cpu.cpp"
+    compiled = tmp_path / "sweeps.o"
+    flags = ["-std=c++17", "-O3", "-fno-math-errno", "-fno-trapping-math", "-DSWEEPS=sweeps_generic"]
+    subprocess.run(["g++", *flags, "-c", source, "-o", compiled], check=True)
+    symbols = subprocess.run(["nm", "-C", compiled], capture_output=True, text=True, check=True).stdout.splitlines()
+    assert [line.split()[-1] for line in symbols if " D " in line] == ["stereomend::sweeps_generic"]
+    assert not [line for line in symbols if line.split()[-2] in ("W", "V", "T", "u")]

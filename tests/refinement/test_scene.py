@@ -1,0 +1,51 @@
+import numpy as np
+import pytest
+
+from stereomend.disparity import StereoPair
+from stereomend.refinement import select_backend
+from stereomend.refinement.params import LdrParams
+from stereomend.refinement.scene import make_scene, matte_mask
+
+NATIVE = select_backend("native", threads=1)
+
+
+def scene_of(image, size, params=None):
+    return make_scene(StereoPair(image, image), size, params or LdrParams(), NATIVE)
+
+
+def test_grey_levels_follow_bt601():
+    image = np.zeros((2, 2, 3), np.uint8)
+    image[0, 0], image[0, 1], image[1, 0] = (255, 0, 0), (0, 255, 0), (0, 0, 255)
+    grey = scene_of(image, (2, 2)).left
+    assert grey[0, 0] == pytest.approx(0.299 * 255, abs=1e-4)
+    assert grey[0, 1] == pytest.approx(0.587 * 255, abs=1e-4)
+    assert grey[1, 0] == pytest.approx(0.114 * 255, abs=1e-4)
+
+
+def test_sixteen_bit_images_have_the_levels_of_eight_bit_ones():
+    image = np.random.default_rng(0).integers(0, 256, (6, 8, 3)).astype(np.uint8)
+    deep = image.astype(np.uint16) * 257
+    assert np.allclose(scene_of(deep, (3, 4)).left, scene_of(image, (3, 4)).left, atol=1e-4)
+
+
+def test_pale_pixels_of_a_colour_image_are_highlights():
+    image = np.full((1, 3, 3), (120, 40, 40), np.uint8)
+    image[0, 1] = (250, 245, 250)
+    assert scene_of(image, (1, 3)).matte.tolist() == [[True, False, True]]
+
+
+def test_a_dark_grey_pixel_is_no_highlight_when_brightness_counts():
+    image = np.array([[[60.0, 60, 60], [240, 240, 240], [200, 90, 90]]])
+    assert matte_mask(image, True, LdrParams(specular="saturation")).tolist() == [[False, False, True]]
+    assert matte_mask(image, True, LdrParams(specular="bright")).tolist() == [[True, False, True]]
+    assert matte_mask(image, True, LdrParams(specular="off")).all()
+
+
+@pytest.mark.parametrize("axes", [2, 3])
+def test_a_grey_scene_is_not_taken_for_one_large_highlight(axes):
+    image = np.full((4, 4), 90, np.uint8)
+    image[0, 0] = 250
+    scene = scene_of(image if axes == 2 else np.repeat(image[..., None], 3, axis=2), (4, 4))
+    assert not scene.coloured
+    assert scene.matte.sum() == 15
+    assert not scene.matte[0, 0]
