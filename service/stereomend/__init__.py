@@ -13,7 +13,15 @@ if TYPE_CHECKING:
     from stereomend.client import Client
     from stereomend.refinement import refine
 
-__all__ = ["Client", "DisparityMap", "Provenance", "RefinementResult", "StereoPair", "StereomendError", "refine"]
+__all__ = [
+    "Client",
+    "DisparityMap",
+    "Provenance",
+    "RefinementResult",
+    "StereoPair",
+    "StereomendError",
+    "refine",
+]
 
 # The SDK must not load the kernels, nor in-process use the HTTP client.
 _LAZY = {"Client": "stereomend.client", "refine": "stereomend.refinement"}

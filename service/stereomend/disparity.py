@@ -85,7 +85,9 @@ class DisparityMap:
     def from_array(cls, array: npt.NDArray[Any]) -> DisparityMap:
         """Take any real array of shape (H, W), in pixels (raises UnknownFormat for others)."""
         if array.ndim != 2 or array.size == 0 or array.dtype.kind not in "fiu":
-            raise UnknownFormat(f"disparity is {array.dtype} of shape {array.shape}; expected numbers of shape (H, W)")
+            raise UnknownFormat(
+                f"disparity is {array.dtype} of shape {array.shape}; expected numbers of shape (H, W)"
+            )
         with np.errstate(over="ignore"):
             values = array.astype(np.float32)
         values[~(np.isfinite(values) & (values > 0))] = 0

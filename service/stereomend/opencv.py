@@ -3,7 +3,9 @@
 import os
 
 os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(1 << 28))
+# What OpenCV says of damaged files is said by our own errors.
+os.environ.setdefault("OPENCV_LOG_LEVEL", "FATAL")
 
-import cv2  # noqa: E402
+import cv2
 
 __all__ = ["cv2"]

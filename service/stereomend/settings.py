@@ -30,14 +30,18 @@ class Settings(BaseSettings):
     port: int = Field(8000, ge=0, le=65535, description="port to listen on; 0 takes a free one")
     backend: Literal["auto", "native", "reference"] = Field("auto", description="what computes")
     workers: int = Field(1, ge=1, le=64, description="worker processes")
-    threads: int = Field(0, ge=0, le=256, description="threads per worker; 0: the cores shared among the workers")
+    threads: int = Field(
+        0, ge=0, le=256, description="threads per worker; 0: the cores shared among the workers"
+    )
     max_upload_mb: int = Field(256, ge=1, description="largest request body [MiB]")
     max_pixels: int = Field(16_000_000, ge=1, description="most pixels of one image")
     max_queued_jobs: int = Field(256, ge=1, description="most requests that wait or run")
     max_queued_mb: int = Field(4096, ge=1, description="most bytes of bodies that wait or run [MiB]")
     work_limit_s: float = Field(300.0, gt=0, description="longest time one refinement may take [s]")
     work_limit_mb: int = Field(8192, ge=256, description="most memory one worker may use [MiB]")
-    api_keys: Annotated[tuple[SecretStr, ...], NoDecode] = Field((), description="accepted keys, comma-separated")
+    api_keys: Annotated[tuple[SecretStr, ...], NoDecode] = Field(
+        (), description="accepted keys, comma-separated"
+    )
     log_format: Literal["text", "json"] = Field("text", description="form of the log lines")
 
     @field_validator("api_keys", mode="before")
@@ -61,12 +65,17 @@ class Settings(BaseSettings):
 
     @classmethod
     def settings_customise_sources(
-        cls, settings_cls: type[BaseSettings], **sources: PydanticBaseSettingsSource
+        cls,
+        settings_cls: type[BaseSettings],
+        init_settings: PydanticBaseSettingsSource,
+        env_settings: PydanticBaseSettingsSource,
+        dotenv_settings: PydanticBaseSettingsSource,
+        file_secret_settings: PydanticBaseSettingsSource,
     ) -> tuple[PydanticBaseSettingsSource, ...]:
         """Order the sources; the file is named by `STEREOMEND_CONFIG`."""
         config = os.environ.get("STEREOMEND_CONFIG")
         toml = TomlConfigSettingsSource(settings_cls, Path(config) if config else None)
-        return sources["init_settings"], sources["env_settings"], toml
+        return init_settings, env_settings, toml
 
 
 def load_settings(**flags: Any) -> Settings:

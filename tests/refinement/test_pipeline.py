@@ -5,7 +5,13 @@ import pytest
 
 from stereomend import refine
 from stereomend.disparity import Provenance
-from stereomend.errors import BackendUnavailable, InvalidParameter, NoValidDisparity, ShapeMismatch, UnknownFormat
+from stereomend.errors import (
+    BackendUnavailable,
+    InvalidParameter,
+    NoValidDisparity,
+    ShapeMismatch,
+    UnknownFormat,
+)
 from stereomend.phantom import break_disparity, make_phantom
 
 PRESETS = ["paper", "released"]
@@ -46,7 +52,9 @@ def test_the_local_stage_alone_improves_and_keeps_bit_for_bit(phantom, broken):
 
 def test_the_global_stage_alone_fills_and_refines(phantom, broken):
     result = run(phantom, broken, stages=["gdr"])
-    assert (result.provenance[(broken == 0) & (result.provenance != Provenance.UNOBSERVED)] == Provenance.FILLED).all()
+    assert (
+        result.provenance[(broken == 0) & (result.provenance != Provenance.UNOBSERVED)] == Provenance.FILLED
+    ).all()
     assert result.timings["ldr"] == 0.0 < result.timings["gdr"]
 
 
@@ -100,7 +108,10 @@ def test_confidence_follows_the_error(phantom, broken):
     result = run(phantom, broken, stages=["ldr"])
     error = np.abs(broken - phantom.truth)
     known = broken > 0
-    assert result.input_confidence[known & (error < 0.5)].mean() > 2 * result.input_confidence[known & (error > 5)].mean()
+    assert (
+        result.input_confidence[known & (error < 0.5)].mean()
+        > 2 * result.input_confidence[known & (error > 5)].mean()
+    )
     assert (result.input_confidence[~known] == 0).all()
 
 
@@ -177,5 +188,5 @@ def test_contradictions_and_unknown_backends_are_refused():
         refine(IMAGE, IMAGE, initial="upload")
     with pytest.raises(InvalidParameter, match="nothing to refine"):
         refine(IMAGE, IMAGE, initial="zero", stages=["ldr"])
-    with pytest.raises(BackendUnavailable, match="'gpu'.*auto, native, reference"):
+    with pytest.raises(BackendUnavailable, match=r"'gpu'.*auto, native, reference"):
         refine(IMAGE, IMAGE, np.ones((10, 20)), backend="gpu")

@@ -28,7 +28,9 @@ def area_mean(image, size):
     return fine.reshape(size[0], height, size[1], width).mean(axis=(1, 3))
 
 
-@pytest.mark.parametrize(("shape", "size"), [((1, 1), (1, 1)), ((3, 5), (2, 3)), ((9, 31), (5, 16)), ((8, 8), (4, 4))])
+@pytest.mark.parametrize(
+    ("shape", "size"), [((1, 1), (1, 1)), ((3, 5), (2, 3)), ((9, 31), (5, 16)), ((8, 8), (4, 4))]
+)
 def test_images_shrink_by_the_area_mean(shape, size, backend):
     image = np.random.default_rng(1).uniform(0, 255, shape)
     assert np.allclose(backend.shrink(backend.plane(image), size), area_mean(image, size), atol=1e-4)

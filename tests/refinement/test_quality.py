@@ -58,7 +58,9 @@ def test_swapped_views_are_noticed(phantom):
 
 
 def test_a_vertical_offset_is_noticed(phantom):
-    assert warnings_for(phantom.pair.left, np.roll(phantom.pair.right, 8, axis=0), phantom.truth) == ["not-rectified"]
+    assert warnings_for(phantom.pair.left, np.roll(phantom.pair.right, 8, axis=0), phantom.truth) == [
+        "not-rectified"
+    ]
 
 
 @pytest.mark.parametrize("factor", [0.25, 4])

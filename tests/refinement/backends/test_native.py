@@ -66,7 +66,9 @@ def test_disparities_out_of_the_image_match_the_reference(native, reference):
     u[::2] *= -9
     u[1::4] += 1e5
     params = parse_params({"gdr": {"warps": 1}}).gdr
-    assert np.allclose(native.solve(left, right, u, params), reference.solve(left, right, u, params), rtol=1e-6)
+    assert np.allclose(
+        native.solve(left, right, u, params), reference.solve(left, right, u, params), rtol=1e-6
+    )
 
 
 @pytest.mark.parametrize("size", SIZES)
@@ -93,7 +95,9 @@ def test_filling_matches_the_reference(size, share, steps, passes, native, refer
     rng = np.random.default_rng(11)
     u, known = rng.uniform(1, 60, size).astype(np.float32), rng.random(size) < share
     known.flat[rng.integers(known.size)] = True
-    assert np.allclose(native.fill(u, known, steps, passes), reference.fill(u, known, steps, passes), rtol=1e-6)
+    assert np.allclose(
+        native.fill(u, known, steps, passes), reference.fill(u, known, steps, passes), rtol=1e-6
+    )
 
 
 def test_of_equally_near_inliers_the_leftmost_then_the_upper_is_taken(native):
@@ -127,13 +131,22 @@ def test_results_are_bitwise_equal_for_any_number_of_threads(size, preset):
         confidence = backend.confidence(left, right, u, usable, params.ldr)
         filled = backend.fill(u, confidence > 0.5, 20, 5)
         solved = backend.solve(left, right, filled, params.gdr)
-        results.append([plane.tobytes() for plane in (confidence, filled, solved, backend.distance(left, right, u))])
+        results.append(
+            [plane.tobytes() for plane in (confidence, filled, solved, backend.distance(left, right, u))]
+        )
     assert results[0] == results[1] == results[2]
 
 
 def test_instruction_sets_differ_by_rounding_only():
     left, right, u = make_state((100, 150))
-    options = {"warps": 1, "iterations": 5, "data_weight": 0.5, "huber_epsilon": 0.1, "tau": 0.25, "sigma": 0.5}
+    options = {
+        "warps": 1,
+        "iterations": 5,
+        "data_weight": 0.5,
+        "huber_epsilon": 0.1,
+        "tau": 0.25,
+        "sigma": 0.5,
+    }
     results = [
         _native.solve(left, right, u, **options, absolute=False, threads=1, instruction_set=name)
         for name in _native.instruction_sets()
@@ -166,11 +179,12 @@ def test_the_caller_s_arrays_stay_as_they_are(native):
 
 @pytest.mark.skipif(shutil.which("g++") is None or shutil.which("nm") is None, reason="needs g++ and nm")
 def test_the_sweeps_share_no_function_by_name(tmp_path):
-    """Of functions shared by name the linker keeps one copy, perhaps the one that older machines cannot run."""
+    """Of those the linker would keep one copy, perhaps the one that older machines cannot run."""
     source = Path(__file__).parents[3] / "kernels" / "gdr_cpu.cpp"
     compiled = tmp_path / "sweeps.o"
     flags = ["-std=c++17", "-O3", "-fno-math-errno", "-fno-trapping-math", "-DSWEEPS=sweeps_generic"]
     subprocess.run(["g++", *flags, "-c", source, "-o", compiled], check=True)
-    symbols = subprocess.run(["nm", "-C", compiled], capture_output=True, text=True, check=True).stdout.splitlines()
+    listing = subprocess.run(["nm", "-C", compiled], capture_output=True, text=True, check=True)
+    symbols = listing.stdout.splitlines()
     assert [line.split()[-1] for line in symbols if " D " in line] == ["stereomend::sweeps_generic"]
     assert not [line for line in symbols if line.split()[-2] in ("W", "V", "T", "u")]

@@ -110,7 +110,9 @@ def test_smoothness_compares_with_the_mean_over_valid_pixels_inside(shape, windo
     found = ref.smoothness(u, valid, LdrParams(window=window, smoothness_weight=2.0))
     for y, x in np.ndindex(shape):
         around = [
-            u[j, i] for j, i in np.ndindex(shape) if max(abs(j - y), abs(i - x)) <= window // 2 and valid[j, i]
+            u[j, i]
+            for j, i in np.ndindex(shape)
+            if max(abs(j - y), abs(i - x)) <= window // 2 and valid[j, i]
         ]
         mean = np.mean(around) if around else 0
         assert found[y, x] == pytest.approx(max(0, 1 - 2 * abs(u[y, x] - mean) / mean) if around else 0)
@@ -181,7 +183,10 @@ def test_one_level_recovers_a_sine_disparity():
         return 120 + 40 * np.sin(0.55 * column + 0.9 * y) + 30 * np.cos(0.35 * column - 0.6 * y)
 
     found = ref.ReferenceBackend("test").solve(
-        texture(x - truth), texture(x), np.zeros_like(truth), GdrParams(data_weight=5.0, warps=60, iterations=20)
+        texture(x - truth),
+        texture(x),
+        np.zeros_like(truth),
+        GdrParams(data_weight=5.0, warps=60, iterations=20),
     )
     error = np.abs(found - truth)[6:-6, 6:-6]
     assert np.sqrt(np.mean(error**2)) < 0.02

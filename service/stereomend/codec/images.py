@@ -1,0 +1,43 @@
+"""From the bytes of an upload to a left or right image."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stereomend.codec.formats import read_header
+from stereomend.codec.headers import check_size, named
+from stereomend.disparity import Image
+from stereomend.errors import UnknownFormat
+
+EXPECTED = "PNG, JPEG, TIFF, BMP, binary PNM or NPY with uint8 or uint16, grey or RGB"
+
+
+def decode_image(data: bytes, name: str, max_pixels: int) -> Image:
+    """Decode a left or right image.
+
+    Alpha is dropped, palettes are expanded, fewer than 8 bits spread to 8. Orientation tags, colour profiles
+    and bytes after the end of the image are ignored.
+
+    Args:
+        data: the file.
+        name: what messages call it, `left` for example.
+        max_pixels: width times height above which nothing is decoded.
+
+    Returns:
+        uint8 or uint16, shape (H, W) for grey or (H, W, 3) for RGB, in memory of its own, row by row.
+
+    Raises:
+        UnknownFormat: the file is in no format read here, or holds other samples.
+        DamagedFile: the file is empty, cut off or corrupt, or an image without pixels.
+        TooManyPixels: the header promises more than `max_pixels`.
+        WorkLimitExceeded: the memory does not suffice.
+    """
+    with named(name):
+        header = read_header(data, EXPECTED)
+        check_size(header, max_pixels)
+        if header.dtype not in (np.uint8, np.uint16):
+            raise UnknownFormat(f"{header}; expected {EXPECTED}")
+        pixels = header.decode()
+        if pixels.ndim == 3:
+            pixels = pixels[:, :, 0] if pixels.shape[2] <= 2 else pixels[:, :, :3]
+        return np.ascontiguousarray(pixels)

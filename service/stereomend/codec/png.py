@@ -1,0 +1,155 @@
+"""PNG: the container is checked and inflated here, within bounds; OpenCV undoes filters and interlacing."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from stereomend.codec.headers import Header, Pixels
+from stereomend.errors import DamagedFile, UnknownFormat
+from stereomend.opencv import cv2
+
+SIGNATURE = b"\x89PNG\r\n\x1a\n"
+
+_CHANNELS = {0: 1, 2: 3, 3: 3, 4: 2, 6: 4}
+_DEPTHS = {0: (1, 2, 4, 8, 16), 2: (8, 16), 3: (1, 2, 4, 8), 4: (8, 16), 6: (8, 16)}
+_PALETTE = 3
+_HEADER_END = 33  # signature, then IHDR: length, name, 13 bytes, checksum
+_MOST_CHUNKS = 100_000  # each costs microseconds here; real writers need a few hundred per megapixel
+_PIECE = 1 << 14  # compressed bytes inflated at a time; one piece holds at most 17 MB
+_ADAM7 = ((0, 0, 8, 8), (4, 0, 8, 8), (0, 4, 4, 8), (2, 0, 4, 4), (0, 2, 2, 4), (1, 0, 2, 2), (0, 1, 1, 2))
+_ONE_PASS = ((0, 0, 1, 1),)
+
+
+Buffer = bytes | memoryview
+
+
+class _Ihdr(NamedTuple):
+    width: int
+    height: int
+    depth: int
+    colour: int
+    compression: int
+    filtering: int
+    interlace: int
+
+    @property
+    def bits_per_pixel(self) -> int:
+        return self.depth * (1 if self.colour == _PALETTE else _CHANNELS[self.colour])
+
+
+def read_header(data: bytes) -> Header:
+    """Read IHDR.
+
+    Raises:
+        DamagedFile: it is cut off, has a wrong checksum or values that PNG does not define.
+    """
+    if len(data) < _HEADER_END or data[8:16] != b"\0\0\0\rIHDR":
+        raise DamagedFile("the PNG ends in its header, or has none")
+    if zlib.crc32(data[12:29]) != int.from_bytes(data[29:33], "big"):
+        raise DamagedFile("the header of the PNG has a wrong checksum")
+    ihdr = _Ihdr._make(struct.unpack_from(">IIBBBBB", data, 16))
+    if ihdr.depth not in _DEPTHS.get(ihdr.colour, ()) or (ihdr.compression, ihdr.filtering) != (0, 0):
+        raise DamagedFile(
+            f"the PNG has colour type {ihdr.colour} with {ihdr.depth} bits, which PNG does not define"
+        )
+    if ihdr.interlace > 1:
+        raise DamagedFile(f"the PNG has interlace method {ihdr.interlace}, which PNG does not define")
+    return Header(
+        "PNG",
+        ihdr.width,
+        ihdr.height,
+        _CHANNELS[ihdr.colour],
+        np.dtype(np.uint16 if ihdr.depth == 16 else np.uint8),
+        lambda: _decode(data, ihdr),
+        bits=ihdr.depth,
+    )
+
+
+def _decode(data: bytes, ihdr: _Ihdr) -> Pixels:
+    plain = _rebuilt(data, ihdr)
+    image = cv2.imdecode(np.frombuffer(plain, np.uint8), cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR)
+    if image is None or image.shape[:2] != (ihdr.height, ihdr.width):
+        raise DamagedFile("the PNG holds rows that cannot be decoded")
+    if _CHANNELS[ihdr.colour] <= 2:
+        # Grey with alpha comes back as three equal channels.
+        return image if image.ndim == 2 else np.ascontiguousarray(image[:, :, 0])
+    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
+
+
+def _rebuilt(data: bytes, ihdr: _Ihdr) -> bytes:
+    """Return the same picture with nothing but header, palette and pixels, the latter stored uncompressed.
+
+    So transparency, colour profiles, EXIF and animation never reach the decoder, and a bomb neither.
+    """
+    chunks = list(_critical_chunks(data))
+    pixels = _inflate((body for kind, body in chunks if kind == b"IDAT"), _filtered_size(ihdr))
+    palette = [part for kind, body in chunks if kind == b"PLTE" for part in _chunk(kind, body)]
+    stored = _chunk(b"IDAT", zlib.compress(pixels, 0))
+    return b"".join((data[:_HEADER_END], *palette, *stored, *_chunk(b"IEND", b"")))
+
+
+def _critical_chunks(data: bytes) -> Iterator[tuple[bytes, memoryview]]:
+    for kind, body in _chunks(data):
+        if kind in (b"PLTE", b"IDAT"):
+            yield kind, body
+        elif kind[0] & 0x20 == 0 and kind != b"IEND":
+            raise UnknownFormat(
+                "the PNG has a critical chunk that is not in the standard; expected a plain PNG"
+            )
+
+
+def _chunks(data: bytes) -> Iterator[tuple[bytes, memoryview]]:
+    view, at = memoryview(data), _HEADER_END
+    for _ in range(_MOST_CHUNKS):
+        length, kind = struct.unpack(">I4s", view[at : at + 8]) if at + 8 <= len(data) else (0, b"")
+        body, end = view[at + 8 : at + 8 + length], at + 12 + length
+        if end > len(data):
+            raise DamagedFile(f"the PNG is cut off after {len(data)} bytes, before its end")
+        if zlib.crc32(body, zlib.crc32(kind)) != int.from_bytes(view[end - 4 : end], "big"):
+            raise DamagedFile(f"the PNG has a wrong checksum before byte {end}")
+        yield kind, body
+        if kind == b"IEND":
+            return
+        at = end
+    raise DamagedFile(f"the PNG has more than {_MOST_CHUNKS} chunks")
+
+
+def _inflate(parts: Iterable[memoryview], expected: int) -> bytearray:
+    inflater, pixels = zlib.decompressobj(), bytearray()
+    try:
+        for piece in _pieces(parts):
+            pixels += inflater.decompress(piece)
+            if len(pixels) > expected:
+                raise DamagedFile(
+                    f"the PNG holds more than the {expected} bytes of pixels its header promises"
+                )
+            if inflater.eof:  # the inflater would collect what follows, copying all of it each time
+                break
+    except zlib.error as error:
+        raise DamagedFile("the compressed pixels of the PNG are damaged") from error
+    if len(pixels) < expected or not inflater.eof:
+        raise DamagedFile(f"the PNG holds {len(pixels)} bytes of pixels; its header promises {expected}")
+    return pixels
+
+
+def _pieces(parts: Iterable[memoryview]) -> Iterator[memoryview]:
+    return (part[start : start + _PIECE] for part in parts for start in range(0, len(part), _PIECE))
+
+
+def _chunk(kind: bytes, body: Buffer) -> tuple[bytes, Buffer, bytes]:
+    return struct.pack(">I4s", len(body), kind), body, struct.pack(">I", zlib.crc32(body, zlib.crc32(kind)))
+
+
+def _filtered_size(ihdr: _Ihdr) -> int:
+    """Return the bytes of all rows of all passes, each row with its filter byte in front."""
+    size = 0
+    for x, y, step_x, step_y in _ADAM7 if ihdr.interlace else _ONE_PASS:
+        columns, rows = -((x - ihdr.width) // step_x), -((y - ihdr.height) // step_y)
+        if columns > 0 and rows > 0:
+            size += rows * (1 + (columns * ihdr.bits_per_pixel + 7) // 8)
+    return size
