@@ -30,6 +30,7 @@ _PROVENANCE_COLOURS = {
     Provenance.FILLED: (238, 119, 51),
     Provenance.UNOBSERVED: (60, 60, 60),
 }
+_WORST_PX = 5  # errors are painted up to here
 _CAPTION_PX = 28
 _GAP_PX = 6
 
@@ -100,24 +101,25 @@ def write_phantom(folder: Path, phantom: Phantom, seed: int) -> None:
 
 def _draw(folder: Path, phantom: Phantom, upload: FloatMap, result: RefinementResult) -> Path:
     span = Span(float(phantom.truth.min()), float(phantom.truth.max()))
-    panels = {
-        "left": phantom.pair.left,
-        "right": phantom.pair.right,
-        "network's disparity": colourise(upload, span),
-        "refined": colourise(result.disparity, span),
+    pictures = {
+        "network": colourise(upload, span),
+        "error_before": _paint_error(upload, phantom.truth),
         "truth": colourise(phantom.truth, span),
         "provenance": _paint_provenance(result.provenance),
-        "error before, 0 to 5 px": _paint_error(upload, phantom.truth),
-        "error after, 0 to 5 px": _paint_error(result.disparity, phantom.truth),
+        "refined": colourise(result.disparity, span),
+        "error_after": _paint_error(result.disparity, phantom.truth),
     }
-    for name in ("network's disparity", "refined", "truth", "provenance"):
-        _write(folder / f"{name.split(chr(39))[0]}_colour.png", panels[name])
-    _write(folder / "error_before.png", panels["error before, 0 to 5 px"])
-    _write(folder / "error_after.png", panels["error after, 0 to 5 px"])
+    for name, picture in pictures.items():
+        _write(folder / f"{name}_colour.png", picture)
     (folder / "refined_preview.png").write_bytes(encode_result(result, PREVIEW_TYPE))
     (folder / "refined.png").write_bytes(encode_result(result, "image/png"))
     overview = folder / "overview.png"
-    _write(overview, _side_by_side(panels, columns=4))
+    views = (phantom.pair.left, phantom.pair.right)
+    captions = (
+        *("left", "right", "network's disparity", f"its error, 0 to {_WORST_PX} px"),
+        *("true disparity", "where the result comes from", "refined", f"error, 0 to {_WORST_PX} px"),
+    )
+    _write(overview, _side_by_side(dict(zip(captions, (*views, *pictures.values()), strict=True)), columns=4))
     return overview
 
 
@@ -133,7 +135,7 @@ def _paint_provenance(provenance: npt.NDArray[np.uint8]) -> Image:
 
 
 def _paint_error(disparity: FloatMap, truth: FloatMap) -> Image:
-    levels = np.clip(np.abs(disparity - truth) / 5 * 255, 0, 255).astype(np.uint8)
+    levels = np.clip(np.abs(disparity - truth) / _WORST_PX * 255, 0, 255).astype(np.uint8)
     return np.asarray(cv2.applyColorMap(levels, cv2.COLORMAP_INFERNO)[..., ::-1], np.uint8)
 
 

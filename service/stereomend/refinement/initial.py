@@ -53,7 +53,9 @@ def match_semiglobally(scene: Scene, backend: Backend) -> Sparse:
     values = _sgbm(scene, searched) if width > searched + _BLOCK else np.zeros(scene.size, np.float32)
     sparse = Sparse(backend.plane(values), values > 0)
     if not sparse.valid.any():
-        raise NoValidDisparity(f"no disparity was sent and matching found none at {width} x {scene.size[0]} px")
+        raise NoValidDisparity(
+            f"no disparity was sent and matching found none at {width} x {scene.size[0]} px"
+        )
     return sparse
 
 

@@ -27,7 +27,9 @@ def confidence_of(sparse: Sparse, scene: Scene, params: LdrParams, backend: Back
     return backend.confidence(scene.left, scene.right, sparse.u, Usable(sparse.valid, scene.matte), params)
 
 
-def refine_locally(sparse: Sparse, confidence: Plane, params: LdrParams, steps: int, backend: Backend) -> Local:
+def refine_locally(
+    sparse: Sparse, confidence: Plane, params: LdrParams, steps: int, backend: Backend
+) -> Local:
     """Replace outliers (Eq. 5) by the median of the inliers met in eight directions within `steps` pixels.
 
     With no inlier at all every valid pixel stays, and only the unknown ones are filled.

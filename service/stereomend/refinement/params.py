@@ -30,17 +30,31 @@ class LdrParams(_Params):
     """Local disparity refinement, Eq. 1 to 5."""
 
     window: int = Field(
-        21, ge=3, le=201, description="side of the square window of the local mean, odd [px at working size] (Eq. 1)"
+        21,
+        ge=3,
+        le=201,
+        description="side of the square window of the local mean, odd [px at working size] (Eq. 1)",
     )
-    smoothness_weight: float = Field(20.0, ge=0, le=1000, description="alpha_s, falloff of smoothness [1] (Eq. 1)")
+    smoothness_weight: float = Field(
+        20.0, ge=0, le=1000, description="alpha_s, falloff of smoothness [1] (Eq. 1)"
+    )
     smoothness_power: int = Field(
-        1, ge=1, le=4, description="exponent of C_s in C_f [1]: 1 as printed (Eq. 4), 2 in the authors' program"
+        1,
+        ge=1,
+        le=4,
+        description="exponent of C_s in C_f [1]: 1 as printed (Eq. 4), 2 in the authors' program",
     )
     photometric_weight: float = Field(
-        2.0, ge=0, le=1000, description="alpha_p, falloff of photometric consistency [1], 0 leaves it out (Eq. 2)"
+        2.0,
+        ge=0,
+        le=1000,
+        description="alpha_p, falloff of photometric consistency [1], 0 leaves it out (Eq. 2)",
     )
     min_saturation: float = Field(
-        0.1, ge=0, le=1, description="th_s, HSV saturation at or below which a pixel may be a highlight [1] (Eq. 3)"
+        0.1,
+        ge=0,
+        le=1,
+        description="th_s, HSV saturation at or below which a pixel may be a highlight [1] (Eq. 3)",
     )
     min_confidence: float = Field(
         0.5, ge=0, le=1, description="th_f, confidence below which a pixel is an outlier [1] (Eq. 5)"
@@ -66,10 +80,16 @@ class GdrParams(_Params):
     """Global disparity refinement, Eq. 9 to 14, and its primal-dual solver (Chambolle and Pock 2011)."""
 
     data_weight: float = Field(
-        0.5, ge=0, le=1000, description="lambda, weight of the descriptors' distance, summed over 8 [1] (Eq. 9)"
+        0.5,
+        ge=0,
+        le=1000,
+        description="lambda, weight of the descriptors' distance, summed over 8 [1] (Eq. 9)",
     )
     huber_epsilon: float = Field(
-        0.1, ge=0, le=100, description="epsilon, gradient where |.|_eps turns from square to norm [px/px] (Eq. 12)"
+        0.1,
+        ge=0,
+        le=100,
+        description="epsilon, gradient where |.|_eps turns from square to norm [px/px] (Eq. 12)",
     )
     levels: int = Field(4, ge=1, le=16, description="levels of the pyramid; small images get fewer [1]")
     warps: int = Field(50, ge=1, le=1000, description="linearisations per level [1]")
@@ -121,7 +141,9 @@ class RefineParams(_Params):
     )
     processing_scale: float = Field(0.5, ge=0.05, le=1, description="working size divided by input size [1]")
     disparity_scale: float | None = Field(
-        None, gt=0, description="divisor of integer disparity maps [1/px]; default 256 for 16-bit PNG, else required"
+        None,
+        gt=0,
+        description="divisor of integer disparity maps [1/px]; default 256 for 16-bit PNG, else required",
     )
     outputs: tuple[Output, ...] = Field(
         ("disparity", "confidence", "provenance", "input_confidence"),

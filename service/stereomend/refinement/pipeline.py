@@ -16,7 +16,13 @@ from stereomend.refinement.gdr import refine_globally
 from stereomend.refinement.initial import choose_initial, match_semiglobally, uploaded
 from stereomend.refinement.ldr import Local, confidence_of, fill_unknown, refine_locally
 from stereomend.refinement.params import Initial, RefineParams, parse_params
-from stereomend.refinement.pyramid import Sparse, enlarge_disparity, enlarge_mask, shrink_disparity, working_size
+from stereomend.refinement.pyramid import (
+    Sparse,
+    enlarge_disparity,
+    enlarge_mask,
+    shrink_disparity,
+    working_size,
+)
 from stereomend.refinement.report import Start, Trace, assemble
 from stereomend.refinement.scene import Scene, make_scene
 

@@ -53,7 +53,8 @@ def assemble(
         provenance=provenance,
         input_confidence=_enlarged(trace.confidence, size, backend) * initial.valid,
         timings=timings,
-        meta=_describe(trace, params, backend) | {"quality": shares | _quality(trace, refined, params, backend)},
+        meta=_describe(trace, params, backend)
+        | {"quality": shares | _quality(trace, refined, params, backend)},
     )
 
 

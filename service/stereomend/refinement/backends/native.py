@@ -80,5 +80,4 @@ class NativeBackend:
 
 def _resize(image: Plane, size: Size, interpolation: int) -> Plane:
     height, width = size
-    resized: Plane = cv2.resize(image, (width, height), interpolation=interpolation)
-    return resized
+    return np.asarray(cv2.resize(image, (width, height), interpolation=interpolation), np.float32)

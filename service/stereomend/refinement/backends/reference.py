@@ -90,13 +90,15 @@ def area_weights(source: int, target: int) -> Array:
     edges = np.arange(target + 1) * (source / target)
     upper = np.minimum(edges[1:, None], np.arange(1, source + 1))
     lower = np.maximum(edges[:-1, None], np.arange(source))
-    return np.maximum(0, upper - lower) * (target / source)
+    weights: Array = np.maximum(0, upper - lower) * (target / source)
+    return weights
 
 
 def linear_weights(source: int, target: int) -> Array:
     """Weights of linear interpolation between pixel centres, borders repeated, (target, source)."""
     position = np.clip((np.arange(target) + 0.5) * (source / target) - 0.5, 0, source - 1)
-    return np.maximum(0, 1 - np.abs(position[:, None] - np.arange(source)))
+    weights: Array = np.maximum(0, 1 - np.abs(position[:, None] - np.arange(source)))
+    return weights
 
 
 def _apply(weights: Any, image: Plane, size: Size) -> Array:
@@ -134,7 +136,8 @@ def warp(right: Array, u: Array) -> Array:
     after = np.minimum(before + 1, width - 1)
     rows = np.arange(right.shape[0])[:, None]
     fraction = position - before
-    return (1 - fraction) * right[rows, before] + fraction * right[rows, after]
+    warped: Array = (1 - fraction) * right[rows, before] + fraction * right[rows, after]
+    return warped
 
 
 def describe(image: Array, descriptor: str) -> Array:
@@ -146,7 +149,8 @@ def describe(image: Array, descriptor: str) -> Array:
     if descriptor == "absolute":
         differences = np.abs(differences)
     norm = np.sqrt(np.sum(differences**2, axis=0))
-    return np.divide(differences, norm, out=np.zeros_like(differences), where=norm > MIN_NORM)
+    described: Array = np.divide(differences, norm, out=np.zeros_like(differences), where=norm > MIN_NORM)
+    return described
 
 
 def linearise(own: Array, warped: Array, u: Array) -> tuple[Array, Array]:
@@ -204,7 +208,9 @@ def directional_medians(u: Array, known: Mask, steps: int) -> Array:
     met = np.stack([_first_met(u, known, direction, steps) for direction in _NEIGHBOURS])
     order = np.sort(met, axis=0)
     count = np.sum(np.isfinite(met), axis=0)
-    lower, upper = (np.take_along_axis(order, np.maximum(i, 0)[None], 0)[0] for i in ((count - 1) // 2, count // 2))
+    lower, upper = (
+        np.take_along_axis(order, np.maximum(i, 0)[None], 0)[0] for i in ((count - 1) // 2, count // 2)
+    )
     return np.where(count > 0, (lower + upper) / 2, np.nan)
 
 
@@ -221,7 +227,7 @@ def _first_met(u: Array, known: Mask, direction: tuple[int, int], steps: int) ->
 
 
 def from_nearest(u: Array, known: Mask) -> Array:
-    """Replace what is not known by the nearest known value; of equally near ones the leftmost, then the upper."""
+    """Replace what is not known by the nearest known value; of equals the leftmost, then the upper."""
     columns, rows = np.nonzero(known.T)
     result = u.copy()
     for y, x in np.argwhere(~known):

@@ -1,0 +1,56 @@
+"""The ASGI application: routes, middleware and workers, wired together."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncGenerator
+from contextlib import asynccontextmanager
+from importlib.metadata import version
+
+from fastapi import Depends, FastAPI
+from fastapi.security import HTTPBearer
+
+from stereomend.api.envelope import Envelope
+from stereomend.api.openapi import describe
+from stereomend.api.problems import add_handlers
+from stereomend.api.routes import docs, health, presets, refine
+from stereomend.api.security import Gate
+from stereomend.api.state import Service
+from stereomend.jobs.supervisor import Supervisor
+from stereomend.settings import Settings
+
+_KEY = Depends(HTTPBearer(auto_error=False, description="API key; not needed where the server has none"))
+
+
+def create_app(settings: Settings) -> FastAPI:
+    """Build the application; its lifespan starts the workers and ends them."""
+    app = FastAPI(
+        title="Stereomend",
+        version=version("stereomend"),
+        description="Mends the disparity maps that stereo networks get wrong on laparoscopic images.",
+        docs_url=None,
+        redoc_url=None,
+        redirect_slashes=False,
+        lifespan=running,
+    )
+    app.state.service = Service(settings, Supervisor(settings))
+    for router in (refine.router, presets.router):
+        app.include_router(router, dependencies=[_KEY])
+    for router in (health.router, docs.router):
+        app.include_router(router)
+    app.mount(docs.ASSETS_PATH, docs.assets())
+    add_handlers(app)
+    app.add_middleware(Gate, settings=settings)
+    app.add_middleware(Envelope)
+    describe(app)
+    return app
+
+
+@asynccontextmanager
+async def running(app: FastAPI) -> AsyncGenerator[None, None]:
+    """Keep the workers of an application running (raises ConfigurationError if they cannot start)."""
+    service: Service = app.state.service
+    try:
+        await service.supervisor.start()
+        yield
+    finally:
+        await service.supervisor.stop()

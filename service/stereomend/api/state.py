@@ -1,0 +1,26 @@
+"""What the routes need of the running server."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, cast
+
+from fastapi import Depends, Request
+
+from stereomend.jobs.supervisor import Supervisor
+from stereomend.settings import Settings
+
+
+@dataclass(frozen=True)
+class Service:
+    """The settings of this server, and its workers."""
+
+    settings: Settings
+    supervisor: Supervisor
+
+
+def _service(request: Request) -> Service:
+    return cast(Service, request.app.state.service)
+
+
+ServiceOfRequest = Annotated[Service, Depends(_service)]

@@ -1,0 +1,169 @@
+"""The worker process: decodes, refines and encodes one task at a time, under limits.
+
+Files from clients are read here and nowhere else. What a worker sends is JSON and raw bytes, never a pickle,
+so that a decoder taken over by a hostile file gains nothing in the server.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import resource
+from collections.abc import Mapping
+from dataclasses import dataclass
+from multiprocessing.connection import Connection, wait
+from multiprocessing.process import parent_process
+from pathlib import Path
+from threading import Thread
+from typing import Any
+
+from stereomend.errors import InternalError, StereomendError, WorkLimitExceeded, error_from_slug
+from stereomend.jobs.logs import LogFormat, configure_logging
+from stereomend.jobs.task import Answer, Task, perform
+from stereomend.opencv import cv2
+from stereomend.refinement import Backend, select_backend
+from stereomend.settings import Settings
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class WorkerPlan:
+    """What a worker is told when it starts; `memory_mb` in MiB."""
+
+    backend: str
+    threads: int
+    memory_mb: int
+    max_pixels: int
+    log_format: LogFormat
+
+    @classmethod
+    def of(cls, settings: Settings) -> WorkerPlan:
+        """The part of the settings that workers need; keys are not in it."""
+        return cls(
+            settings.backend,
+            settings.threads_per_worker,
+            settings.work_limit_mb,
+            settings.max_pixels,
+            settings.log_format,
+        )
+
+
+@dataclass(frozen=True)
+class Hello:
+    """What a worker says when it is ready: what computes and why."""
+
+    backend: str
+    reason: str
+    kernel: str
+
+
+def work(connection: Connection, plan: WorkerPlan) -> None:
+    """Say hello, then answer tasks until the server closes the connection or dies."""
+    Thread(target=_exit_with_server, daemon=True).start()
+    configure_logging(plan.log_format)
+    cv2.setNumThreads(plan.threads)
+    try:
+        backend = select_backend(plan.backend, plan.threads)
+    except StereomendError as error:
+        _send_head(connection, _problem(error))
+        return
+    _limit(plan.memory_mb << 20)
+    _send_head(connection, {"backend": backend.name, "reason": backend.reason, "kernel": backend.kernel})
+    while (task := _next_task(connection)) is not None:
+        _send_outcome(connection, _outcome(task, backend, plan))
+
+
+def receive_hello(connection: Connection) -> Hello:
+    """Read what a worker says first.
+
+    Raises:
+        StereomendError: the worker cannot start, as its backend is not available.
+        EOFError, OSError: the worker died.
+    """
+    return Hello(**_receive_head(connection))
+
+
+def receive_answer(connection: Connection) -> Answer:
+    """Read the answer to a task (raises the worker's StereomendError; EOFError or OSError if it died)."""
+    head = _receive_head(connection)
+    return Answer(body=connection.recv_bytes(), **head)
+
+
+def _exit_with_server() -> None:
+    # Not sys.exit: the main thread may be deep in native code.
+    server = parent_process()
+    if server is not None:
+        wait([server.sentinel])
+        os._exit(1)
+
+
+def _limit(memory: int) -> None:
+    # On top of what the libraries took for themselves, which grows with the number of cores.
+    most = _data_size() + memory
+    resource.setrlimit(resource.RLIMIT_DATA, (most, most))
+    # A core file would hold a patient's images.
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+
+
+def _data_size() -> int:
+    status = Path("/proc/self/status").read_text()
+    return int(status.partition("VmData:")[2].split()[0]) << 10
+
+
+def _next_task(connection: Connection) -> Task | None:
+    try:
+        task: Task = connection.recv()
+    except (EOFError, OSError):
+        return None
+    except MemoryError:
+        # What is left of the request in the pipe cannot be told from the next one.
+        log.exception("a request does not fit into the memory that a refinement may take")
+        return None
+    return task
+
+
+def _outcome(task: Task, backend: Backend, plan: WorkerPlan) -> Answer | StereomendError:
+    try:
+        return perform(task, backend, plan.max_pixels)
+    except StereomendError as error:
+        return error
+    except MemoryError:
+        return _out_of_memory(plan)
+    except Exception as error:
+        if isinstance(error, cv2.error) and error.code == cv2.Error.StsNoMem:
+            return _out_of_memory(plan)
+        log.exception("request %s failed", task.request_id)
+        return InternalError("the refinement failed unexpectedly; the server's log has the details")
+
+
+def _out_of_memory(plan: WorkerPlan) -> WorkLimitExceeded:
+    return WorkLimitExceeded(
+        f"the refinement needs more than the {plan.memory_mb} MiB of memory that it may take; "
+        "send smaller images, or raise work_limit_mb"
+    )
+
+
+def _send_outcome(connection: Connection, outcome: Answer | StereomendError) -> None:
+    if isinstance(outcome, StereomendError):
+        _send_head(connection, _problem(outcome))
+        return
+    head = {"media_type": outcome.media_type, "meta": dict(outcome.meta), "timings": outcome.timings}
+    _send_head(connection, head)
+    connection.send_bytes(outcome.body)
+
+
+def _problem(error: StereomendError) -> dict[str, str]:
+    return {"error": error.slug, "detail": str(error)}
+
+
+def _send_head(connection: Connection, head: Mapping[str, Any]) -> None:
+    connection.send_bytes(json.dumps(head).encode())
+
+
+def _receive_head(connection: Connection) -> dict[str, Any]:
+    head: dict[str, Any] = json.loads(connection.recv_bytes())
+    if "error" in head:
+        raise error_from_slug(head["error"], head["detail"])
+    return head

@@ -1,0 +1,62 @@
+"""Tasks, and a supervisor with real workers."""
+
+import asyncio
+import time
+from contextlib import asynccontextmanager
+
+import pytest
+
+from stereomend.jobs.supervisor import Supervisor
+from stereomend.jobs.task import Task
+from stereomend.refinement import parse_params
+from stereomend.settings import load_settings
+
+NPY = "application/x-npy"
+
+
+@pytest.fixture
+def make_task(scene):
+    """A task of the small scene: `make_task(gdr={"warps": 1})`."""
+
+    def make(media_type=NPY, **params):
+        return Task(**scene.files, params=parse_params(params), media_type=media_type)
+
+    return make
+
+
+@pytest.fixture
+def quick(make_task):
+    """A task that is done at once."""
+    return make_task(gdr={"warps": 1, "levels": 1})
+
+
+@pytest.fixture
+def endless(make_task):
+    """A task that takes minutes."""
+    return make_task(gdr={"warps": 1000, "iterations": 1000, "levels": 1}, processing_scale=1.0)
+
+
+@pytest.fixture
+def supervise():
+    """Run a coroutine function with a supervisor: `supervise(scenario, workers=2)`."""
+
+    def start(scenario, **settings):
+        async def run():
+            async with supervisor(**settings) as running:
+                return await asyncio.wait_for(scenario(running), 60)
+
+        return asyncio.run(run())
+
+    return start
+
+
+@asynccontextmanager
+async def supervisor(**settings):
+    running = Supervisor(load_settings(backend="reference", **settings))
+    try:
+        await running.start()
+        yield running
+    finally:
+        began = time.monotonic()
+        await running.stop(grace_s=0)
+        assert time.monotonic() - began < 10

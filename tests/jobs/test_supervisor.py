@@ -1,0 +1,201 @@
+"""The supervisor with real worker processes."""
+
+import asyncio
+import os
+import signal
+from multiprocessing import active_children
+
+import pytest
+
+from stereomend.errors import (
+    BackendUnavailable,
+    InternalError,
+    NotReady,
+    QueueFull,
+    ShapeMismatch,
+    WorkerCrashed,
+    WorkLimitExceeded,
+)
+from stereomend.jobs.supervisor import Supervisor
+from stereomend.jobs.task import Task, perform
+from stereomend.refinement import parse_params, select_backend
+from stereomend.settings import load_settings
+
+
+def workers():
+    return active_children()
+
+
+async def begun(task):
+    """Start a coroutine and let it get as far as it can without waiting for a worker."""
+    started = asyncio.create_task(task)
+    await asyncio.sleep(0.3)
+    return started
+
+
+def test_a_worker_answers_with_the_bytes_that_this_process_computes(supervise, quick):
+    async def scenario(supervisor):
+        return await supervisor.submit(quick)
+
+    assert supervise(scenario).body == perform(quick, select_backend("reference"), 10**6).body
+
+
+def test_tasks_are_answered_in_the_order_they_came(supervise, quick):
+    order = []
+
+    async def scenario(supervisor):
+        async def ask(number):
+            answer = await supervisor.submit(quick)
+            order.append(number)
+            return answer
+
+        return await asyncio.gather(*map(ask, range(5)))
+
+    answers = supervise(scenario)
+    assert order == [0, 1, 2, 3, 4]
+    waited = [answer.timings["queue"] for answer in answers]
+    assert waited == sorted(waited)
+    assert all(answer.timings["queue"] < answer.timings["total"] for answer in answers)
+
+
+def test_two_workers_work_at_once(supervise, quick, endless):
+    async def scenario(supervisor):
+        while supervisor.workers_up < 2:
+            await asyncio.sleep(0.05)
+        busy = await begun(supervisor.submit(endless))
+        await supervisor.submit(quick)
+        assert not busy.done()
+        busy.cancel()
+
+    supervise(scenario, workers=2)
+
+
+def test_an_error_of_the_worker_is_raised_here(supervise, scene, as_npy):
+    files = scene.files | {"right": as_npy(scene.right[1:])}
+    task = Task(**files, params=parse_params(), media_type="image/png")
+
+    async def scenario(supervisor):
+        with pytest.raises(ShapeMismatch, match=r"64 x 47.*64 x 48"):
+            await supervisor.submit(task)
+
+    supervise(scenario)
+
+
+def test_an_unexpected_error_is_ours_and_the_worker_goes_on(supervise, quick, capfd):
+    odd = Task(**{**vars(quick), "params": quick.params.model_copy(update={"processing_scale": "half"})})
+
+    async def scenario(supervisor):
+        (before,) = workers()
+        with pytest.raises(InternalError, match="log"):
+            await supervisor.submit(odd)
+        await supervisor.submit(quick)
+        assert workers() == [before]
+
+    supervise(scenario)
+    assert "Traceback" in capfd.readouterr().err
+
+
+def test_only_the_task_of_a_killed_worker_fails(supervise, quick, endless):
+    async def scenario(supervisor):
+        running = await begun(supervisor.submit(endless))
+        waiting = asyncio.create_task(supervisor.submit(quick))
+        (worker,) = workers()
+        os.kill(worker.pid, signal.SIGKILL)
+        with pytest.raises(WorkerCrashed):
+            await running
+        await waiting
+        assert supervisor.ready
+
+    supervise(scenario)
+
+
+def test_a_worker_killed_while_idle_costs_no_task(supervise, quick):
+    async def scenario(supervisor):
+        for _ in range(3):
+            (worker,) = workers()
+            os.kill(worker.pid, signal.SIGKILL)
+            worker.join()
+            await supervisor.submit(quick)
+
+    supervise(scenario)
+
+
+def test_a_task_that_takes_too_long_ends_its_worker_and_no_other_task(supervise, quick, endless):
+    async def scenario(supervisor):
+        running = asyncio.create_task(supervisor.submit(endless))
+        waiting = asyncio.create_task(supervisor.submit(quick))
+        with pytest.raises(WorkLimitExceeded, match="1 s"):
+            await running
+        await waiting
+
+    supervise(scenario, work_limit_s=1)
+
+
+def test_a_full_queue_refuses_by_number(supervise, quick, endless):
+    async def scenario(supervisor):
+        held = [await begun(supervisor.submit(endless)) for _ in range(2)]
+        with pytest.raises(QueueFull, match="2 requests") as refusal:
+            await supervisor.submit(quick)
+        assert refusal.value.retry_after >= 1
+        for task in held:
+            task.cancel()
+
+    supervise(scenario, max_queued_jobs=2)
+
+
+def test_a_full_queue_refuses_by_size(supervise, quick, endless):
+    large = Task(bytes(2 << 20), b"", None, quick.params, quick.media_type)
+
+    async def scenario(supervisor):
+        running = await begun(supervisor.submit(endless))
+        with pytest.raises(QueueFull, match="server holds"):
+            await supervisor.submit(large)
+        running.cancel()
+
+    supervise(scenario, max_queued_mb=1)
+
+
+def test_a_caller_that_gives_up_makes_room(supervise, quick, endless):
+    async def scenario(supervisor):
+        running = await begun(supervisor.submit(endless))
+        waiting = await begun(supervisor.submit(endless))
+        with pytest.raises(QueueFull):
+            supervisor.check_room()
+        waiting.cancel()
+        await asyncio.wait([waiting])
+        supervisor.check_room()
+        running.cancel()
+
+    supervise(scenario, max_queued_jobs=2)
+
+
+def test_a_backend_that_does_not_work_fails_the_start():
+    settings = load_settings().model_copy(update={"backend": "abacus"})
+
+    async def start():
+        supervisor = Supervisor(settings)
+        try:
+            await supervisor.start()
+        finally:
+            await supervisor.stop()
+
+    with pytest.raises(BackendUnavailable, match="abacus"):
+        asyncio.run(start())
+
+
+def test_a_stopped_supervisor_refuses_what_waits_and_leaves_no_process(quick, endless):
+    async def scenario():
+        supervisor = Supervisor(load_settings(backend="reference"))
+        await supervisor.start()
+        running = await begun(supervisor.submit(endless))
+        waiting = await begun(supervisor.submit(quick))
+        await supervisor.stop(grace_s=0.1)
+        for task in (running, waiting):
+            with pytest.raises((NotReady, WorkerCrashed)):
+                await task
+        with pytest.raises(NotReady, match="shutting down"):
+            await supervisor.submit(quick)
+        assert not supervisor.ready
+
+    asyncio.run(scenario())
+    assert workers() == []

@@ -1,0 +1,44 @@
+"""`perform`: from files to an answer, in this process."""
+
+import io
+
+import numpy as np
+import pytest
+
+from stereomend.errors import ShapeMismatch
+from stereomend.jobs.task import TIMINGS, Task, perform
+from stereomend.refinement import parse_params, refine, select_backend
+
+
+@pytest.fixture(scope="module")
+def backend():
+    return select_backend("reference")
+
+
+def test_the_answer_holds_what_the_package_computes(quick, backend, scene):
+    answer = perform(quick, backend, 10**6)
+    expected = refine(
+        scene.left, scene.right, scene.disparity, backend="reference", gdr={"warps": 1, "levels": 1}
+    )
+    np.testing.assert_array_equal(np.load(io.BytesIO(answer.body)), expected.disparity)
+    assert answer.media_type == quick.media_type
+    assert answer.meta["quality"] == expected.quality
+
+
+def test_all_stages_are_timed_and_add_up(quick, backend):
+    timings = perform(quick, backend, 10**6).timings
+    assert tuple(timings) == TIMINGS
+    assert timings["queue"] == timings["initial"] == 0
+    assert 0 < sum(timings[name] for name in TIMINGS[:-1]) <= timings["total"]
+
+
+def test_both_shapes_are_named_when_they_differ(scene, as_npy, backend):
+    files = scene.files | {"disparity": as_npy(scene.disparity[:, 1:])}
+    task = Task(**files, params=parse_params(), media_type="image/png")
+    with pytest.raises(ShapeMismatch, match=r"63 x 48.*64 x 48"):
+        perform(task, backend, 10**6)
+
+
+def test_the_size_of_a_task_is_that_of_its_files(quick, scene):
+    assert quick.size == sum(map(len, scene.files.values()))
+    assert Task(b"12", b"345", None, quick.params, quick.media_type).size == 5

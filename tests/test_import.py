@@ -1,0 +1,27 @@
+import subprocess
+import sys
+
+import pytest
+
+
+def modules_after(code):
+    shown = subprocess.run(
+        [sys.executable, "-c", f"{code}\nimport sys; print(*sys.modules)"],
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout
+    return shown.split()
+
+
+@pytest.mark.parametrize("code", ["import stereomend", "from stereomend import Client"])
+def test_the_sdk_pulls_in_neither_the_server_nor_opencv_nor_the_kernels(code):
+    loaded = modules_after(code)
+    assert "stereomend.disparity" in loaded
+    assert not {"fastapi", "cv2", "pydantic", "stereomend._native", "stereomend.refinement"} & set(loaded)
+
+
+def test_in_process_refinement_pulls_in_no_http():
+    loaded = modules_after("from stereomend import refine")
+    assert "stereomend.refinement" in loaded
+    assert not {"fastapi", "httpx", "uvicorn"} & set(loaded)
