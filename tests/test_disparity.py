@@ -35,7 +35,7 @@ def test_other_arrays_are_refused(array):
 def test_a_pair_has_two_images_of_one_size():
     image = np.zeros((4, 6), np.uint8)
     assert StereoPair(image, np.zeros((4, 6, 3), np.uint16)).shape == (4, 6)
-    with pytest.raises(ShapeMismatch, match="right is 5 x 4.*left is 6 x 4"):
+    with pytest.raises(ShapeMismatch, match=r"right is 5 x 4.*left is 6 x 4"):
         StereoPair(image, image[:, :5])
     for wrong in (image.astype(float), np.zeros((4, 6, 4), np.uint8), np.zeros((0, 6), np.uint8)):
         with pytest.raises(UnknownFormat, match="left is"):

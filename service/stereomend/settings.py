@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -38,7 +39,7 @@ class Settings(BaseSettings):
     max_queued_jobs: int = Field(256, ge=1, description="most requests that wait or run")
     max_queued_mb: int = Field(4096, ge=1, description="most bytes of bodies that wait or run [MiB]")
     work_limit_s: float = Field(300.0, gt=0, description="longest time one refinement may take [s]")
-    work_limit_mb: int = Field(8192, ge=256, description="most memory one worker may use [MiB]")
+    work_limit_mb: int = Field(8192, ge=256, description="most memory one refinement may take [MiB]")
     api_keys: Annotated[tuple[SecretStr, ...], NoDecode] = Field(
         (), description="accepted keys, comma-separated"
     )
@@ -89,6 +90,8 @@ def load_settings(**flags: Any) -> Settings:
         raise ConfigurationError(f"STEREOMEND_CONFIG names {config}, which is not a file")
     try:
         return Settings(**{name: value for name, value in flags.items() if value is not None})
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigurationError(f"{config} is not TOML: {error}") from error
     except ValidationError as error:
         raise ConfigurationError("; ".join(map(_sentence, error.errors()))) from error
 

@@ -53,13 +53,13 @@ GREY = np.full((48, 64), 100, np.uint8)
 MAP = np.full((48, 64), 5.0, np.float32)
 
 HOSTILE = {
-    "an empty image": ({"left": b""}, 400, "damaged-file"),
+    "an empty image": ({"left": b""}, 422, "damaged-file"),
     "a truncated PNG": (
         {"left": png(np.arange(3072, dtype=np.uint8).reshape(48, 64))[:-80]},
-        400,
+        422,
         "damaged-file",
     ),
-    "a truncated NPY": ({"left": npy(GREY)[:-1]}, 400, "damaged-file"),
+    "a truncated NPY": ({"left": npy(GREY)[:-1]}, 422, "damaged-file"),
     "a PNG that promises 900 Mpx": ({"left": promising_png(30000, 30000)}, 413, "too-many-pixels"),
     "a PNG that inflates to 900 MB": (
         {"left": promising_png(30000, 30000, bytes(900_000_000))},
@@ -68,7 +68,7 @@ HOSTILE = {
     ),
     "a PNG with more data than pixels": ({"left": promising_png(64, 48, bytes(500_000_000))}, None, None),
     "an NPY that promises 900 Mpx": ({"left": promising_npy((30000, 30000))}, 413, "too-many-pixels"),
-    "an NPY with negative sides": ({"left": promising_npy((-4, -4))}, 400, "damaged-file"),
+    "an NPY with negative sides": ({"left": promising_npy((-4, -4))}, 422, "damaged-file"),
     "a pickled NPY": ({"left": npy(np.array([{}, []], object), True)}, 415, "unknown-format"),
     "a pickled disparity": ({"disparity": npy(np.array([[None]], object), True)}, 415, "unknown-format"),
     "an NPZ as an image": ({"left": npz(GREY)}, 415, "unknown-format"),

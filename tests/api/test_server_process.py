@@ -70,7 +70,7 @@ def test_a_signal_to_the_whole_group_ends_the_server_quietly(tmp_path, number):
     log = tmp_path / "log"
     environment = os.environ | {"STEREOMEND_PORT": "0", "STEREOMEND_BACKEND": "reference"}
     with log.open("w") as stream:
-        command = [sys.executable, "-m", "stereomend.api"]
+        command = [sys.executable, "-m", "stereomend", "serve"]
         process = subprocess.Popen(
             command, env=environment, stdout=subprocess.PIPE, stderr=stream, start_new_session=True
         )
@@ -120,7 +120,11 @@ def test_work_that_needs_too_much_memory_is_refused(serving, post, as_npy, is_pr
 def test_an_address_in_use_is_told_in_one_line(server):
     environment = os.environ | {"STEREOMEND_PORT": server.url.rpartition(":")[2]}
     ended = subprocess.run(
-        [sys.executable, "-m", "stereomend.api"], env=environment, capture_output=True, text=True, check=False
+        [sys.executable, "-m", "stereomend", "serve"],
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert ended.returncode == 2
     assert ended.stderr.count("\n") == 1

@@ -23,6 +23,7 @@ STATUSES: dict[type[StereomendError], int] = {
     errors.StereomendError: 500,
     errors.InputError: 400,
     errors.UnknownFormat: 415,
+    errors.DamagedFile: 422,
     errors.BodyTooLarge: 413,
     errors.TooManyPixels: 413,
     errors.InvalidParameter: 422,

@@ -55,7 +55,7 @@ def server_process(settings: Settings, log: IO[Any] | None = None) -> Generator[
     Raises:
         NotReady: the server ended before it was ready.
     """
-    command = [sys.executable, "-m", "stereomend.api"]
+    command = [sys.executable, "-m", "stereomend", "serve"]
     environment = os.environ | _as_environment(settings)
     process = subprocess.Popen(
         command, env=environment, stdout=subprocess.PIPE, stderr=log or subprocess.DEVNULL, text=True
