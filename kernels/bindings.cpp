@@ -1,19 +1,23 @@
 // The Python module `stereomend._native`: checks shapes, releases the GIL, calls the sweeps.
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
+#include <nanobind/stl/optional.h>
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
 
 #include <algorithm>
-#include <memory>
-#include <stdexcept>
+#include <optional>
 
-#include "ldr.hpp"
-#include "solver.hpp"
+#include "ceilings.hpp"
+#include "engine.hpp"
 
 namespace nb = nanobind;
 using namespace nb::literals;
+using stereomend::ConfidenceInput;
+using stereomend::ConfidenceParams;
 using stereomend::Level;
+using stereomend::Size;
+using stereomend::SolverParams;
 
 namespace {
 
@@ -37,9 +41,6 @@ int check_threads(int threads) {
     return threads;
 }
 
-int width_of(const Plane& plane) { return static_cast<int>(plane.shape(1)); }
-int height_of(const Plane& plane) { return static_cast<int>(plane.shape(0)); }
-
 // A new array that owns its memory, not yet written.
 template <class T>
 Output<T> new_plane(size_t height, size_t width) {
@@ -55,52 +56,66 @@ Output<T> copy_of(const Source& source) {
     return copy;
 }
 
-Output<float> solve(const Plane& left, const Plane& right, const Plane& u, int warps, int iterations, float data_weight,
-                    float huber_epsilon, float tau, float sigma, bool absolute, int threads,
-                    const std::string& instruction_set) {
-    check_same_shape(left, right, u);
-    check_threads(threads);
-    const stereomend::Sweeps& sweeps = stereomend::choose_sweeps(instruction_set);
-    const Level level{width_of(left), height_of(left), left.data(), right.data()};
-    const stereomend::SolverParams params{data_weight, huber_epsilon, tau, sigma, warps, iterations, absolute};
-    Output<float> out = copy_of<float>(u);
-    nb::gil_scoped_release unlocked;
-    stereomend::solve_level(sweeps, level, params, out.data(), threads);
-    return out;
-}
+// The kernels with threads and buffers of their own; see engine.hpp.
+class PyEngine {
+public:
+    PyEngine(int threads, const std::string& instruction_set)
+        : engine_(check_threads(threads), instruction_set) {}
 
-Output<float> distance(const Plane& left, const Plane& right, const Plane& u, bool absolute, int threads) {
-    check_same_shape(left, right, u);
-    check_threads(threads);
-    const Level level{width_of(left), height_of(left), left.data(), right.data()};
-    Output<float> out = new_plane<float>(left.shape(0), left.shape(1));
-    nb::gil_scoped_release unlocked;
-    stereomend::descriptor_distance(stereomend::choose_sweeps(""), level, u.data(), absolute, out.data(), threads);
-    return out;
-}
+    Output<float> solve(const Plane& left, const Plane& right, const Plane& u, const std::optional<Plane>& weight,
+                        const SolverParams& params) {
+        check_same_shape(left, right, u, weight ? *weight : u);
+        const Level level = level_of(left, right, weight ? weight->data() : nullptr);
+        Output<float> out = copy_of<float>(u);
+        nb::gil_scoped_release unlocked;
+        engine_.solve(level, params, out.data());
+        return out;
+    }
 
-Output<float> confidence(const Plane& left, const Plane& right, const Plane& u, const Flags& valid, const Flags& matte,
-                         int window, float smoothness_weight, int smoothness_power, float photometric_weight,
-                         int threads) {
-    check_same_shape(left, right, u, valid, matte);
-    check_threads(threads);
-    const stereomend::ConfidenceInput input{{width_of(left), height_of(left)}, left.data(),  right.data(),
-                                            u.data(),                          valid.data(), matte.data()};
-    const stereomend::ConfidenceParams params{window, smoothness_weight, smoothness_power, photometric_weight};
-    Output<float> out = new_plane<float>(left.shape(0), left.shape(1));
-    nb::gil_scoped_release unlocked;
-    stereomend::confidence(input, params, out.data(), threads);
-    return out;
-}
+    Output<float> distance(const Plane& left, const Plane& right, const Plane& u, bool absolute) {
+        check_same_shape(left, right, u);
+        const Level level = level_of(left, right, nullptr);
+        Output<float> out = new_plane<float>(left.shape(0), left.shape(1));
+        nb::gil_scoped_release unlocked;
+        engine_.distance(level, u.data(), absolute, out.data());
+        return out;
+    }
 
-Output<float> fill(const Plane& u, const Flags& known, int steps, int passes, int threads) {
-    check_same_shape(u, known);
+    Output<float> confidence(const Plane& left, const Plane& right, const Plane& u, const Flags& valid,
+                             const Flags& matte, const ConfidenceParams& params) {
+        check_same_shape(left, right, u, valid, matte);
+        const ConfidenceInput input{size_of(left), left.data(), right.data(), u.data(), valid.data(), matte.data()};
+        Output<float> out = new_plane<float>(left.shape(0), left.shape(1));
+        nb::gil_scoped_release unlocked;
+        engine_.confidence(input, params, out.data());
+        return out;
+    }
+
+    Output<float> fill(const Plane& u, const Flags& known, int steps, int passes) {
+        check_same_shape(u, known);
+        Output<float> out = copy_of<float>(u);
+        nb::gil_scoped_release unlocked;
+        engine_.fill({size_of(u), out.data(), known.data()}, steps, passes);
+        return out;
+    }
+
+private:
+    static Size size_of(const Plane& plane) {
+        return {static_cast<int>(plane.shape(1)), static_cast<int>(plane.shape(0))};
+    }
+
+    static Level level_of(const Plane& left, const Plane& right, const float* weight) {
+        const Size size = size_of(left);
+        return {size.width, size.height, left.data(), right.data(), weight};
+    }
+
+    stereomend::Engine engine_;
+};
+
+double measure(double (*rate)(int), int threads) {
     check_threads(threads);
-    Output<float> out = copy_of<float>(u);
-    Output<bool> seen = copy_of<bool>(known);
     nb::gil_scoped_release unlocked;
-    stereomend::fill({width_of(u), height_of(u)}, out.data(), seen.data(), steps, passes, threads);
-    return out;
+    return rate(threads);
 }
 
 }  // namespace
@@ -109,14 +124,24 @@ NB_MODULE(_native, m) {
     m.doc() = "LDR and GDR on the CPU. Planes are C-contiguous, (height, width), float32 or bool.";
     m.attr("KERNEL_HASH") = KERNEL_HASH;
     m.def("instruction_sets", &stereomend::instruction_sets, "What this machine can run, best first.");
-    m.def("solve", &solve, "left"_a.noconvert(), "right"_a.noconvert(), "u"_a.noconvert(), nb::kw_only(), "warps"_a,
-          "iterations"_a, "data_weight"_a, "huber_epsilon"_a, "tau"_a, "sigma"_a, "absolute"_a, "threads"_a,
-          "instruction_set"_a = "", "All warps of one level; returns the new u.");
-    m.def("distance", &distance, "left"_a.noconvert(), "right"_a.noconvert(), "u"_a.noconvert(), nb::kw_only(),
-          "absolute"_a, "threads"_a, "The distance of the descriptors at every pixel.");
-    m.def("confidence", &confidence, "left"_a.noconvert(), "right"_a.noconvert(), "u"_a.noconvert(),
-          "valid"_a.noconvert(), "matte"_a.noconvert(), nb::kw_only(), "window"_a, "smoothness_weight"_a,
-          "smoothness_power"_a, "photometric_weight"_a, "threads"_a, "C_f at every pixel.");
-    m.def("fill", &fill, "u"_a.noconvert(), "known"_a.noconvert(), nb::kw_only(), "steps"_a, "passes"_a, "threads"_a,
-          "u with what is not known replaced.");
+    m.def("triad", [](int threads) { return measure(stereomend::triad, threads); }, "threads"_a,
+          "Memory traffic of a = b + s * c [GB/s].");
+    m.def("multiply_add", [](int threads) { return measure(stereomend::multiply_add, threads); }, "threads"_a,
+          "float32 multiply-adds of all threads together [GFlop/s].");
+    nb::class_<SolverParams>(m, "SolverParams", "data_weight, huber_epsilon, tau, sigma, warps, iterations, absolute.")
+        .def(nb::init<float, float, float, float, int, int, bool>(), nb::kw_only(), "data_weight"_a,
+             "huber_epsilon"_a, "tau"_a, "sigma"_a, "warps"_a, "iterations"_a, "absolute"_a);
+    nb::class_<ConfidenceParams>(m, "ConfidenceParams", "Of Eq. 1 and 2; the window in px.")
+        .def(nb::init<int, float, int, float>(), nb::kw_only(), "window"_a, "smoothness_weight"_a,
+             "smoothness_power"_a, "photometric_weight"_a);
+    nb::class_<PyEngine>(m, "Engine", "The kernels with threads and buffers of their own; one call at a time.")
+        .def(nb::init<int, const std::string&>(), "threads"_a, "instruction_set"_a = "")
+        .def("solve", &PyEngine::solve, "left"_a.noconvert(), "right"_a.noconvert(), "u"_a.noconvert(),
+             "weight"_a.noconvert().none(), "params"_a, "All warps of one level; returns the new u.")
+        .def("distance", &PyEngine::distance, "left"_a.noconvert(), "right"_a.noconvert(), "u"_a.noconvert(),
+             "absolute"_a, "The distance of the descriptors at every pixel.")
+        .def("confidence", &PyEngine::confidence, "left"_a.noconvert(), "right"_a.noconvert(), "u"_a.noconvert(),
+             "valid"_a.noconvert(), "matte"_a.noconvert(), "params"_a, "C_f at every pixel.")
+        .def("fill", &PyEngine::fill, "u"_a.noconvert(), "known"_a.noconvert(), "steps"_a, "passes"_a,
+             "u with what is not known replaced.");
 }

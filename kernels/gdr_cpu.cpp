@@ -111,45 +111,58 @@ public:
     float* right;  // (8, width + 2), warped
 };
 
-// A and B at x, with the derivative taken between `before` and `after`, `step` being 1 / distance.
-PIXEL_FN void linearise_pixel(const float* d1, const float* d2, int stride, int x, int before, int after, float step,
-                              float u, float* a, float* b) {
+// What the data term of a row is weighed with: `step` is 2 lambda tau.
+struct DataWeight {
+    const float* weight;
+    float step;
+};
+
+// Both coefficients at x, with the derivative taken between `before` and `after`, `scale` being 1 / distance.
+PIXEL_FN void linearise_pixel(const float* d1, const float* d2, int stride, int x, int before, int after, float scale,
+                              float u, float weight, float* a, float* b) {
     float sum_gg = 0.0f;
     float sum_gr = 0.0f;
     for (int k = 0; k < kNeighbours; ++k) {
         const float* row = d2 + k * stride;
-        const float g = -step * (row[after] - row[before]);
+        const float g = -scale * (row[after] - row[before]);
         sum_gg += g * g;
         sum_gr += g * (row[x] - d1[k * stride + x]);
     }
-    *a = sum_gg;
-    *b = sum_gr - sum_gg * u;
+    *a = 1.0f / (1.0f + weight * sum_gg);
+    *b = weight * (sum_gr - sum_gg * u);
 }
 
-void linearise_row(const float* d1, const float* d2, int width, const float* u, float* a, float* b) {
+template <bool Weighted>
+void linearise_row(const float* d1, const float* d2, int width, const float* u, DataWeight weight, float* a, float* b) {
     const int stride = width + 2;
     const int last = width - 1;
+    const auto at = [&](int x, int before, int after, float scale) {
+        const float own = Weighted ? weight.step * weight.weight[x] : weight.step;
+        linearise_pixel(d1, d2, stride, x, before, after, scale, u[x], own, a + x, b + x);
+    };
     if (width == 1) {
-        a[0] = b[0] = 0.0f;
+        a[0] = 1.0f;
+        b[0] = 0.0f;
         return;
     }
-    linearise_pixel(d1, d2, stride, 0, 0, 1, 1.0f, u[0], a, b);
+    at(0, 0, 1, 1.0f);
 #pragma GCC ivdep
-    for (int x = 1; x < last; ++x) linearise_pixel(d1, d2, stride, x, x - 1, x + 1, 0.5f, u[x], a + x, b + x);
-    linearise_pixel(d1, d2, stride, last, last - 1, last, 1.0f, u[last], a + last, b + last);
+    for (int x = 1; x < last; ++x) at(x, x - 1, x + 1, 0.5f);
+    at(last, last - 1, last, 1.0f);
 }
 
 void linearise(const Level& level, const State& state, const SolverParams& params, Rows rows, float* scratch) {
     if (rows.begin >= rows.end) return;
+    const float step = 2.0f * params.data_weight * params.tau;
+    const auto row_of = level.weight ? linearise_row<true> : linearise_row<false>;
     Descriptors descriptors(level, state.u, params.absolute, scratch);
     descriptors.start(rows.begin);
     for (int y = rows.begin; y < rows.end; ++y) {
-        const long offset = static_cast<long>(y) * level.width;
-        const float* u = state.u + offset;
-        float* u_bar = state.u_bar + offset;
+        const long o = static_cast<long>(y) * level.width;
+        const DataWeight weight{level.weight ? level.weight + o : nullptr, step};
         descriptors.describe(y);
-        linearise_row(descriptors.left, descriptors.right, level.width, u, state.a + offset, state.b + offset);
-        for (int x = 0; x < level.width; ++x) u_bar[x] = u[x];
+        row_of(descriptors.left, descriptors.right, level.width, state.u + o, weight, state.a + o, state.b + o);
+        for (int x = 0; x < level.width; ++x) state.u_bar[o + x] = state.u[o + x];
     }
 }
 
@@ -162,48 +175,35 @@ void dual_row(const float* u_bar, const float* next, int width, float sigma, flo
     dual_step(0.0f, next[last] - u_bar[last], sigma, shrink, p_x + last, p_y + last);
 }
 
-void dual(const Level& level, const State& state, const SolverParams& params, Rows rows) {
-    const float shrink = 1.0f / (1.0f + params.sigma * params.huber_epsilon);
-    for (int y = rows.begin; y < rows.end; ++y) {
-        const long offset = static_cast<long>(y) * level.width;
-        const float* u_bar = state.u_bar + offset;
-        const float* next = y + 1 < level.height ? u_bar + level.width : u_bar;
-        dual_row(u_bar, next, level.width, params.sigma, shrink, state.p_x + offset, state.p_y + offset);
-    }
-}
-
-PIXEL_FN void primal_pixel(const State& row, int x, float divergence, float tau, float weight) {
+PIXEL_FN void primal_pixel(const State& row, int x, float divergence, float tau) {
     const float old = row.u[x];
-    const float u = primal_step(old, divergence, row.a[x], row.b[x], tau, weight);
+    const float u = primal_step(old, divergence, tau, row.a[x], row.b[x]);
     row.u[x] = u;
     row.u_bar[x] = 2.0f * u - old;
 }
 
 // p is 0 before the first and on the last pixel of a row and a column, so far borders need no test.
-void primal_row(const State& row, const float* p_y_above, int width, float tau, float weight) {
-    primal_pixel(row, 0, row.p_x[0] + row.p_y[0] - p_y_above[0], tau, weight);
+void primal_row(const State& row, const float* p_y_above, int width, float tau) {
+    primal_pixel(row, 0, row.p_x[0] + row.p_y[0] - p_y_above[0], tau);
 #pragma GCC ivdep
     for (int x = 1; x < width; ++x)
-        primal_pixel(row, x, row.p_x[x] - row.p_x[x - 1] + row.p_y[x] - p_y_above[x], tau, weight);
+        primal_pixel(row, x, row.p_x[x] - row.p_x[x - 1] + row.p_y[x] - p_y_above[x], tau);
 }
 
-void primal_top_row(const State& row, int width, float tau, float weight) {
-    primal_pixel(row, 0, row.p_x[0] + row.p_y[0], tau, weight);
+void primal_top_row(const State& row, int width, float tau) {
+    primal_pixel(row, 0, row.p_x[0] + row.p_y[0], tau);
 #pragma GCC ivdep
-    for (int x = 1; x < width; ++x) primal_pixel(row, x, row.p_x[x] - row.p_x[x - 1] + row.p_y[x], tau, weight);
+    for (int x = 1; x < width; ++x) primal_pixel(row, x, row.p_x[x] - row.p_x[x - 1] + row.p_y[x], tau);
 }
 
-void primal(const Level& level, const State& state, const SolverParams& params, Rows rows) {
-    const float weight = 2.0f * params.data_weight * params.tau;
-    for (int y = rows.begin; y < rows.end; ++y) {
-        const long o = static_cast<long>(y) * level.width;
-        const State row{state.u + o, state.u_bar + o, state.p_x + o, state.p_y + o, state.a + o, state.b + o};
-        if (y == 0) {
-            primal_top_row(row, level.width, params.tau, weight);
-        } else {
-            primal_row(row, row.p_y - level.width, level.width, params.tau, weight);
-        }
-    }
+void iterate(const Level& level, const State& state, const SolverParams& params, int y) {
+    const long o = static_cast<long>(y) * level.width;
+    const State row{state.u + o, state.u_bar + o, state.p_x + o, state.p_y + o, state.a + o, state.b + o};
+    const float* next = y + 1 < level.height ? row.u_bar + level.width : row.u_bar;
+    const float shrink = 1.0f / (1.0f + params.sigma * params.huber_epsilon);
+    dual_row(row.u_bar, next, level.width, params.sigma, shrink, row.p_x, row.p_y);
+    if (y == 0) primal_top_row(row, level.width, params.tau);
+    else primal_row(row, row.p_y - level.width, level.width, params.tau);
 }
 
 void distance(const Level& level, const float* u, bool absolute, float* out, Rows rows, float* scratch) {
@@ -227,6 +227,6 @@ void distance(const Level& level, const float* u, bool absolute, float* out, Row
 
 }  // namespace
 
-extern const Sweeps SWEEPS = {linearise, dual, primal, distance};
+extern const Sweeps SWEEPS = {linearise, iterate, distance};
 
 }  // namespace stereomend

@@ -1,35 +1,38 @@
-// The steps of LDR on the CPU. All planes are row-major (height, width).
+// The steps of LDR on the CPU.
 #pragma once
+
+#include <vector>
+
+#include "ldr_sweeps.hpp"
+#include "team.hpp"
 
 namespace stereomend {
 
-struct Size {
-    int width;
-    int height;
+// Memory that stays from one call to the next.
+struct LdrBuffers {
+    std::vector<float> planes;
 };
 
-struct ConfidenceParams {
-    int window;              // side of the window of the local mean, odd [px]
-    float smoothness_weight;   // alpha_s [1]
-    int smoothness_power;      // exponent of C_s [1]
-    float photometric_weight;  // alpha_p [1]
+// Who works, where and with what.
+struct Crew {
+    Team& team;
+    LdrBuffers& buffers;
+    const LdrSweeps& sweeps;
 };
 
-struct ConfidenceInput {
+// C_f = M_b M_s C_p C_s^power, in [0, 1], 0 where u is unknown (Eq. 1 to 4) [out, (height, width)].
+void confidence(const ConfidenceInput& input, const ConfidenceParams& params, float* out, const Crew& crew);
+
+// A map with holes where it is not known; u [px] is [in/out].
+struct Holes {
     Size size;
-    const float* left;   // grey levels, 0 to 255
-    const float* right;
-    const float* u;      // disparity [px]
-    const bool* valid;   // u is known
-    const bool* matte;   // no specular highlight
+    float* u;
+    const bool* known;
 };
-
-// C_f = M_b M_s C_p C_s^power, in [0, 1], 0 where u is unknown (Eq. 1 to 4) [out].
-void confidence(const ConfidenceInput& input, const ConfidenceParams& params, float* out, int threads);
 
 // Replaces u where it is not known by the median of the first known values met along eight directions within
 // `steps` steps; repeats up to `passes` times, then takes the nearest known value (of equally near ones the
-// leftmost, then the upper). With nothing known, u stays as it is. u and known are [in/out].
-void fill(Size size, float* u, bool* known, int steps, int passes, int threads);
+// leftmost, then the upper). With nothing known, u stays as it is.
+void fill(const Holes& map, int steps, int passes, const Crew& crew);
 
 }  // namespace stereomend

@@ -96,9 +96,10 @@ PIXEL_FN void dual_step(float gradient_x, float gradient_y, float sigma, float s
     *p_y = y * scale;
 }
 
-// u <- (u + tau div p - 2 lambda tau B) / (1 + 2 lambda tau A); weight is 2 lambda tau.
-PIXEL_FN float primal_step(float u, float divergence, float a, float b, float tau, float weight) {
-    return (u + tau * divergence - weight * b) / (1.0f + weight * a);
+// u <- (u + tau div p - 2 lambda tau B) / (1 + 2 lambda tau A), with
+// inverse = 1 / (1 + 2 lambda tau A) and shift = 2 lambda tau B.
+PIXEL_FN float primal_step(float u, float divergence, float tau, float inverse, float shift) {
+    return (u + tau * divergence - shift) * inverse;
 }
 
 }  // namespace stereomend

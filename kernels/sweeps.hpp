@@ -11,6 +11,7 @@ struct Level {
     int height;
     const float* left;
     const float* right;
+    const float* weight;  // of the data term, 0 to 1; null for 1 everywhere
 };
 
 // The solver's state at one level, each plane row-major (height, width).
@@ -19,8 +20,8 @@ struct State {
     float* u_bar;  // extrapolated disparity [px]
     float* p_x;    // dual variable [1]
     float* p_y;
-    float* a;      // coefficients of the linearised data term: A u + B
-    float* b;
+    float* a;      // of the linearised data term A u + B: 1 / (1 + 2 lambda tau A), so that no iteration divides
+    float* b;      // and 2 lambda tau B
 };
 
 struct Rows {
@@ -32,14 +33,13 @@ struct Rows {
 // and the descriptors of both.
 constexpr int scratch_floats(int width) { return (2 * 2 * 3 + 2 * kNeighbours) * (width + 2); }
 
-// Row loops, each over its rows only; between two of them all threads must meet.
+// Row loops.
 struct Sweeps {
     // Warps the right image by u [in], describes both, writes a and b [out] and sets u_bar to u.
     void (*linearise)(const Level&, const State&, const SolverParams&, Rows, float* scratch);
-    // Reads u_bar (one row beyond its own), updates p_x and p_y [in/out].
-    void (*dual)(const Level&, const State&, const SolverParams&, Rows);
-    // Reads p, a, b (one row of p before its own), updates u [in/out] and writes u_bar [out].
-    void (*primal)(const Level&, const State&, const SolverParams&, Rows);
+    // One primal-dual iteration of row y: reads u_bar of rows y and y + 1 as the iteration before left them and p_y
+    // of row y - 1 as this iteration left it; updates p, u and u_bar of row y [in/out].
+    void (*iterate)(const Level&, const State&, const SolverParams&, int y);
     // Writes the Euclidean distance of the descriptors at every pixel, 0 to 2 [out].
     void (*distance)(const Level&, const float* u, bool absolute, float* out, Rows, float* scratch);
 };

@@ -1,8 +1,10 @@
-// A few threads that work on bands of rows and meet between sweeps.
+// A few threads that stay, work on one job together, and meet inside it.
 #pragma once
 
 #include <atomic>
-#include <system_error>
+#include <condition_variable>
+#include <functional>
+#include <mutex>
 #include <thread>
 #include <vector>
 
@@ -10,10 +12,17 @@
 
 namespace stereomend {
 
-// Lets nobody pass before all have come. Waiting threads yield: cores may be fewer than threads.
+// Waits inside a job: soon over, but cores may be fewer than threads.
+template <class Condition>
+void wait_until(const Condition& holds) {
+    for (int spin = 0; !holds(); ++spin)
+        if (spin > 64) std::this_thread::yield();
+}
+
+// Lets nobody pass before all have come.
 class Barrier {
 public:
-    explicit Barrier(int size) : size_(size) {}
+    void resize(int size) { size_ = size; }
 
     void wait() {
         const int turn = turn_.load(std::memory_order_acquire);
@@ -22,11 +31,11 @@ public:
             turn_.store(turn + 1, std::memory_order_release);
             return;
         }
-        while (turn_.load(std::memory_order_acquire) == turn) std::this_thread::yield();
+        wait_until([&] { return turn_.load(std::memory_order_acquire) != turn; });
     }
 
 private:
-    const int size_;
+    int size_ = 1;
     std::atomic<int> arrived_{0};
     std::atomic<int> turn_{0};
 };
@@ -37,28 +46,33 @@ inline Rows band(int height, int member, int size) {
     return {edge(member), edge(member + 1)};
 }
 
-// Runs body(member, size, barrier) on up to `wanted` threads, the caller's own among them, and waits for all.
-// Where the system gives fewer threads, fewer work. The body must not throw.
-template <class Body>
-void run_team(int wanted, const Body& body) {
-    std::atomic<Barrier*> gate{nullptr};
-    std::atomic<int> size{0};
-    const auto join_in = [&](int member) {
-        Barrier* barrier = nullptr;
-        while (!(barrier = gate.load(std::memory_order_acquire))) std::this_thread::yield();
-        body(member, size.load(), *barrier);
-    };
-    std::vector<std::thread> others;
-    others.reserve(wanted > 1 ? wanted - 1 : 0);
-    try {
-        for (int member = 1; member < wanted; ++member) others.emplace_back(join_in, member);
-    } catch (const std::system_error&) {
-    }
-    size = static_cast<int>(others.size()) + 1;
-    Barrier barrier(size);
-    gate.store(&barrier, std::memory_order_release);
-    join_in(0);
-    for (std::thread& other : others) other.join();
-}
+// Between jobs the threads sleep. Where the system gives fewer threads than wanted, fewer work.
+class Team {
+public:
+    explicit Team(int wanted);
+    ~Team();
+    Team(const Team&) = delete;
+    Team& operator=(const Team&) = delete;
+
+    int size() const { return static_cast<int>(others_.size()) + 1; }
+
+    // Runs body(member) once for each member, the caller being member 0. The body must not throw.
+    void run(const std::function<void(int)>& body);
+
+    // For use inside a body: waits until all members have come here.
+    void meet() { barrier_.wait(); }
+
+private:
+    void serve(int member);
+
+    std::vector<std::thread> others_;
+    Barrier barrier_;
+    std::mutex mutex_;
+    std::condition_variable wake_;
+    const std::function<void(int)>* body_ = nullptr;
+    long job_ = 0;
+    bool ending_ = false;
+    std::atomic<int> busy_{0};
+};
 
 }  // namespace stereomend

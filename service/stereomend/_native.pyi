@@ -7,33 +7,34 @@ _Flags = npt.NDArray[np.bool_]
 KERNEL_HASH: str
 
 def instruction_sets() -> list[str]: ...
-def solve(
-    left: _Plane,
-    right: _Plane,
-    u: _Plane,
-    *,
-    warps: int,
-    iterations: int,
-    data_weight: float,
-    huber_epsilon: float,
-    tau: float,
-    sigma: float,
-    absolute: bool,
-    threads: int,
-    instruction_set: str = "",
-) -> _Plane: ...
-def distance(left: _Plane, right: _Plane, u: _Plane, *, absolute: bool, threads: int) -> _Plane: ...
-def confidence(
-    left: _Plane,
-    right: _Plane,
-    u: _Plane,
-    valid: _Flags,
-    matte: _Flags,
-    *,
-    window: int,
-    smoothness_weight: float,
-    smoothness_power: int,
-    photometric_weight: float,
-    threads: int,
-) -> _Plane: ...
-def fill(u: _Plane, known: _Flags, *, steps: int, passes: int, threads: int) -> _Plane: ...
+def triad(threads: int) -> float: ...
+def multiply_add(threads: int) -> float: ...
+
+class SolverParams:
+    def __init__(
+        self,
+        *,
+        data_weight: float,
+        huber_epsilon: float,
+        tau: float,
+        sigma: float,
+        warps: int,
+        iterations: int,
+        absolute: bool,
+    ) -> None: ...
+
+class ConfidenceParams:
+    def __init__(
+        self, *, window: int, smoothness_weight: float, smoothness_power: int, photometric_weight: float
+    ) -> None: ...
+
+class Engine:
+    def __init__(self, threads: int, instruction_set: str = "") -> None: ...
+    def solve(
+        self, left: _Plane, right: _Plane, u: _Plane, weight: _Plane | None, params: SolverParams
+    ) -> _Plane: ...
+    def distance(self, left: _Plane, right: _Plane, u: _Plane, absolute: bool) -> _Plane: ...
+    def confidence(
+        self, left: _Plane, right: _Plane, u: _Plane, valid: _Flags, matte: _Flags, params: ConfidenceParams
+    ) -> _Plane: ...
+    def fill(self, u: _Plane, known: _Flags, steps: int, passes: int) -> _Plane: ...

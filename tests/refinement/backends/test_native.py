@@ -2,6 +2,7 @@
 
 import shutil
 import subprocess
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -139,33 +140,64 @@ def test_results_are_bitwise_equal_for_any_number_of_threads(size, preset):
 
 def test_instruction_sets_differ_by_rounding_only():
     left, right, u = make_state((100, 150))
-    options = {
-        "warps": 1,
-        "iterations": 5,
-        "data_weight": 0.5,
-        "huber_epsilon": 0.1,
-        "tau": 0.25,
-        "sigma": 0.5,
-    }
-    results = [
-        _native.solve(left, right, u, **options, absolute=False, threads=1, instruction_set=name)
-        for name in _native.instruction_sets()
-    ]
-    assert len(results) >= 1
-    for other in results[1:]:
-        assert np.abs(other - results[0]).max() < 1e-4
+    constants = {"data_weight": 0.5, "huber_epsilon": 0.1, "tau": 0.25, "sigma": 0.5}
+    params = _native.SolverParams(**constants, warps=1, iterations=5, absolute=False)
+    window = _native.ConfidenceParams(
+        window=21, smoothness_weight=20, smoothness_power=1, photometric_weight=2
+    )
+    engines = [_native.Engine(1, name) for name in _native.instruction_sets()]
+    solved = [engine.solve(left, right, u, None, params) for engine in engines]
+    trusted = [engine.confidence(left, right, u, u > 5, left > 60, window) for engine in engines]
+    assert len(engines) >= 1
+    for k in range(1, len(engines)):
+        assert np.abs(solved[k] - solved[0]).max() < 1e-4
+        assert np.abs(trusted[k] - trusted[0]).max() < 1e-4
+    with pytest.raises(ValueError, match="'z80' is not available"):
+        _native.Engine(1, "z80")
 
 
 def test_the_kernels_refuse_what_does_not_fit():
     plane, narrow = np.zeros((4, 5), np.float32), np.zeros((4, 4), np.float32)
+    engine = _native.Engine(1)
     with pytest.raises(ValueError, match="differ in shape"):
-        _native.distance(plane, narrow, plane, absolute=False, threads=1)
+        engine.distance(plane, narrow, plane, False)
     with pytest.raises(ValueError, match="no pixel"):
-        _native.distance(plane[:0], plane[:0], plane[:0], absolute=False, threads=1)
+        engine.distance(plane[:0], plane[:0], plane[:0], False)
     with pytest.raises(TypeError):
-        _native.distance(plane.astype(np.float64), plane, plane, absolute=False, threads=1)
+        engine.distance(plane.astype(np.float64), plane, plane, False)
     with pytest.raises(ValueError, match="threads"):
-        _native.fill(plane, plane > 0, steps=1, passes=1, threads=0)
+        _native.Engine(0)
+
+
+@pytest.mark.parametrize("size", [(1, 1), (3, 200), (47, 61)])
+def test_the_weight_of_the_data_term_matches_the_reference(size, native, reference):
+    params = parse_params({"gdr": {"warps": 2}}).gdr
+    state = make_state(size)
+    weight = np.random.default_rng(6).random(size).astype(np.float32)
+    error = native.solve(*state, params, weight) - reference.solve(*state, params, weight)
+    assert np.abs(error).max() <= 2e-4
+    assert (native.solve(*state, params, np.ones_like(weight)) == native.solve(*state, params)).all()
+
+
+def test_an_engine_serves_all_sizes_in_any_order():
+    kept = select_backend("native", threads=3)
+    for size in [(47, 61), (3, 2000), (1, 1), (200, 150), (47, 61)]:
+        left, right, u = make_state(size)
+        params = parse_params({"preset": "released"})
+        fresh = select_backend("native", threads=1)
+        known = u > 6
+        known.flat[0] = True
+        assert (kept.solve(left, right, u, params.gdr) == fresh.solve(left, right, u, params.gdr)).all()
+        assert (kept.fill(u, known, 3, 2) == fresh.fill(u, known, 3, 2)).all()
+
+
+def test_calls_from_several_threads_wait_for_each_other():
+    backend, params = select_backend("native", threads=2), parse_params({"preset": "released"}).gdr
+    states = [make_state((60, 80), seed) for seed in range(6)]
+    expected = [backend.solve(*state, params) for state in states]
+    with ThreadPoolExecutor(6) as pool:
+        found = list(pool.map(lambda state: backend.solve(*state, params), states))
+    assert all((a == b).all() for a, b in zip(expected, found, strict=True))
 
 
 def test_the_caller_s_arrays_stay_as_they_are(native):
@@ -178,13 +210,16 @@ def test_the_caller_s_arrays_stay_as_they_are(native):
 
 
 @pytest.mark.skipif(shutil.which("g++") is None or shutil.which("nm") is None, reason="needs g++ and nm")
-def test_the_sweeps_share_no_function_by_name(tmp_path):
+@pytest.mark.parametrize("name", ["gdr_cpu", "ldr_cpu", "ceiling_loops"])
+def test_the_sweeps_share_no_function_by_name(name, tmp_path):
     """Of those the linker would keep one copy, perhaps the one that older machines cannot run."""
-    source = Path(__file__).parents[3] / "kernels" / "gdr_cpu.cpp"
+    source = Path(__file__).parents[3] / "kernels" / f"{name}.cpp"
     compiled = tmp_path / "sweeps.o"
-    flags = ["-std=c++17", "-O3", "-fno-math-errno", "-fno-trapping-math", "-DSWEEPS=sweeps_generic"]
+    tables = [f"-D{table.upper()}={table}_generic" for table in ("sweeps", "ldr_sweeps", "ceilings")]
+    flags = ["-std=c++17", "-O3", "-fno-math-errno", "-fno-trapping-math", *tables]
     subprocess.run(["g++", *flags, "-c", source, "-o", compiled], check=True)
     listing = subprocess.run(["nm", "-C", compiled], capture_output=True, text=True, check=True)
     symbols = listing.stdout.splitlines()
-    assert [line.split()[-1] for line in symbols if " D " in line] == ["stereomend::sweeps_generic"]
-    assert not [line for line in symbols if line.split()[-2] in ("W", "V", "T", "u")]
+    shared = [line.split()[-1] for line in symbols if line.split()[-2] in "WVTuDBR"]
+    assert len(shared) == 1
+    assert shared[0].endswith("_generic")

@@ -59,8 +59,13 @@ class Backend(Protocol):
         """
         ...
 
-    def solve(self, left: Plane, right: Plane, u: Plane, params: GdrParams) -> Plane:
-        """All warps of one level from `u`, with the dual variable starting at zero (Eq. 9 to 14)."""
+    def solve(
+        self, left: Plane, right: Plane, u: Plane, params: GdrParams, weight: Plane | None = None
+    ) -> Plane:
+        """All warps of one level from `u`, with the dual variable starting at zero (Eq. 9 to 14).
+
+        `weight`, (H, W) in [0, 1], multiplies the data term; None is 1 everywhere.
+        """
         ...
 
     def distance(self, left: Plane, right: Plane, u: Plane) -> Plane:

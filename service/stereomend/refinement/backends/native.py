@@ -21,7 +21,7 @@ class NativeBackend:
     kernel = _native.KERNEL_HASH
 
     def __init__(self, threads: int, reason: str) -> None:
-        self._threads = threads
+        self._engine = _native.Engine(threads)
         self.reason = reason
 
     def plane(self, array: npt.NDArray[Any]) -> FloatMap:
@@ -38,44 +38,38 @@ class NativeBackend:
 
     def confidence(self, left: Plane, right: Plane, u: Plane, usable: Usable, params: LdrParams) -> Plane:
         """See `Backend.confidence`."""
-        return _native.confidence(
-            self.plane(left),
-            self.plane(right),
-            self.plane(u),
-            usable.valid,
-            usable.matte,
+        planes = (self.plane(left), self.plane(right), self.plane(u))
+        constants = _native.ConfidenceParams(
             window=params.window,
             smoothness_weight=params.smoothness_weight,
             smoothness_power=params.smoothness_power,
             photometric_weight=params.photometric_weight,
-            threads=self._threads,
         )
+        return self._engine.confidence(*planes, usable.valid, usable.matte, constants)
 
     def fill(self, u: Plane, known: Mask, steps: int, passes: int) -> Plane:
         """See `Backend.fill`."""
-        return _native.fill(self.plane(u), known, steps=steps, passes=passes, threads=self._threads)
+        return self._engine.fill(self.plane(u), known, steps, passes)
 
-    def solve(self, left: Plane, right: Plane, u: Plane, params: GdrParams) -> Plane:
+    def solve(
+        self, left: Plane, right: Plane, u: Plane, params: GdrParams, weight: Plane | None = None
+    ) -> Plane:
         """See `Backend.solve`."""
-        return _native.solve(
-            self.plane(left),
-            self.plane(right),
-            self.plane(u),
-            warps=params.warps,
-            iterations=params.iterations,
+        constants = _native.SolverParams(
             data_weight=params.data_weight,
             huber_epsilon=params.huber_epsilon,
             tau=params.tau,
             sigma=params.sigma,
+            warps=params.warps,
+            iterations=params.iterations,
             absolute=params.descriptor == "absolute",
-            threads=self._threads,
         )
+        share = None if weight is None else self.plane(weight)
+        return self._engine.solve(self.plane(left), self.plane(right), self.plane(u), share, constants)
 
     def distance(self, left: Plane, right: Plane, u: Plane) -> Plane:
         """See `Backend.distance`."""
-        return _native.distance(
-            self.plane(left), self.plane(right), self.plane(u), absolute=False, threads=self._threads
-        )
+        return self._engine.distance(self.plane(left), self.plane(right), self.plane(u), False)
 
 
 def _resize(image: Plane, size: Size, interpolation: int) -> Plane:

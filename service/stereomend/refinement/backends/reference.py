@@ -67,14 +67,17 @@ class ReferenceBackend:
             known |= found
         return from_nearest(u, known)
 
-    def solve(self, left: Plane, right: Plane, u: Plane, params: GdrParams) -> Plane:
+    def solve(
+        self, left: Plane, right: Plane, u: Plane, params: GdrParams, weight: Plane | None = None
+    ) -> Plane:
         """See `Backend.solve`."""
         left, right, u = self.plane(left), self.plane(right), self.plane(u)
         own = describe(left, params.descriptor)
+        share = 1.0 if weight is None else self.plane(weight)
         p = np.zeros((2, *u.shape))
         for _ in range(params.warps):
             a, b = linearise(own, describe(warp(right, u), params.descriptor), u)
-            u, p = iterate(u, p, (a, b), params)
+            u, p = iterate(u, p, (share * a, share * b), params)
         return u
 
     def distance(self, left: Plane, right: Plane, u: Plane) -> Plane:

@@ -1,0 +1,138 @@
+#include "engine.hpp"
+
+#include <algorithm>
+#include <functional>
+#include <stdexcept>
+
+namespace stereomend {
+namespace {
+
+struct Candidate {
+    const char* name;
+    const Sweeps* gdr;
+    const LdrSweeps* ldr;
+    bool (*supported)();
+};
+
+#ifdef HAVE_SWEEPS_v3
+bool has_v3() {
+    return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") && __builtin_cpu_supports("bmi") &&
+           __builtin_cpu_supports("bmi2") && __builtin_cpu_supports("lzcnt") && __builtin_cpu_supports("movbe") &&
+           __builtin_cpu_supports("f16c");
+}
+
+bool has_v2() { return __builtin_cpu_supports("sse4.2") && __builtin_cpu_supports("popcnt"); }
+
+const Candidate kCandidates[] = {{"x86-64-v3", &sweeps_v3, &ldr_sweeps_v3, has_v3},
+                                  {"x86-64-v2", &sweeps_v2, &ldr_sweeps_v2, has_v2}};
+#else
+bool always() { return true; }
+
+const Candidate kCandidates[] = {{"generic", &sweeps_generic, &ldr_sweeps_generic, always}};
+#endif
+
+const Candidate& choose(const std::string& name) {
+    for (const Candidate& candidate : kCandidates)
+        if (candidate.supported() && (name.empty() || name == candidate.name)) return candidate;
+    throw std::invalid_argument("instruction set '" + name + "' is not available on this machine");
+}
+
+// Rows of state that should stay in the cache of one core while a lap passes [bytes].
+constexpr long kCacheBytes = 512 << 10;
+constexpr int kPlanes = 6;
+
+// Levels below this number of pixels are faster on one thread than with any meeting [px].
+constexpr long kAlone = 3000;
+
+// Iterations that one member takes down the image together.
+int lap_length(const Level& level, const SolverParams& params, int crew) {
+    const long in_cache = kCacheBytes / (kPlanes * static_cast<long>(sizeof(float)) * level.width);
+    const long fair = (params.iterations + crew - 1) / crew;
+    return static_cast<int>(std::max(1L, std::min({fair, in_cache, level.height / (4L * crew)})));
+}
+
+}  // namespace
+
+std::vector<std::string> instruction_sets() {
+    std::vector<std::string> names;
+    for (const Candidate& candidate : kCandidates)
+        if (candidate.supported()) names.emplace_back(candidate.name);
+    return names;
+}
+
+Engine::Engine(int threads, const std::string& instruction_set)
+    : sweeps_(*choose(instruction_set).gdr),
+      team_(threads),
+      ldr_{team_, ldr_buffers_, *choose(instruction_set).ldr} {}
+
+void Engine::prepare(const Level& level, float* u) {
+    const size_t pixels = static_cast<size_t>(level.width) * level.height;
+    planes_.resize(std::max(planes_.size(), 5 * pixels));
+    scratch_.resize(std::max(scratch_.size(), static_cast<size_t>(scratch_floats(level.width)) * team_.size()));
+    float* at = planes_.data();
+    state_ = {u, at, at + pixels, at + 2 * pixels, at + 3 * pixels, at + 4 * pixels};
+    std::fill(state_.p_x, state_.p_x + 2 * pixels, 0.0f);
+}
+
+void Engine::solve(const Level& level, const SolverParams& params, float* u) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    prepare(level, u);
+    const int crew = static_cast<long>(level.width) * level.height < kAlone ? 1 : team_.size();
+    const int laps = (params.iterations + lap_length(level, params, crew) - 1) / lap_length(level, params, crew);
+    if (progress_.size() < static_cast<size_t>(laps)) progress_ = std::vector<Progress>(laps);
+    const auto body = [&](int member) {
+        if (member >= crew) return;
+        float* own = scratch_.data() + static_cast<size_t>(scratch_floats(level.width)) * member;
+        for (int warp = 0; warp < params.warps; ++warp) {
+            for (int lap = member; lap < laps; lap += crew) progress_[lap].rows.store(0, std::memory_order_relaxed);
+            sweeps_.linearise(level, state_, params, band(level.height, member, crew), own);
+            if (crew > 1) team_.meet();
+            iterate(level, params, member, crew);
+            if (crew > 1) team_.meet();
+        }
+    };
+    if (crew == 1) body(0);
+    else team_.run(std::ref(body));
+}
+
+// Iteration k of row y needs only iteration k - 1 of row y + 1 and iteration k of row y - 1. So the iterations of a
+// lap go down the image as a diagonal of rows, in place, and laps follow each other a row behind.
+void Engine::iterate(const Level& level, const SolverParams& params, int member, int crew) {
+    const int length = lap_length(level, params, crew);
+    const int laps = (params.iterations + length - 1) / length;
+    for (int lap = member; lap < laps; lap += crew) {
+        const int count = std::min(length, params.iterations - lap * length);
+        for (int front = 0; front < level.height + count - 1; ++front) {
+            if (lap > 0 && front < level.height) {
+                const int needed = std::min(front + 2, level.height);
+                wait_until([&] { return progress_[lap - 1].rows.load(std::memory_order_acquire) >= needed; });
+            }
+            for (int k = std::max(0, front - level.height + 1); k < std::min(count, front + 1); ++k)
+                sweeps_.iterate(level, state_, params, front - k);
+            const int done = front - count + 2;
+            if (done > 0) progress_[lap].rows.store(done, std::memory_order_release);
+        }
+    }
+}
+
+void Engine::distance(const Level& level, const float* u, bool absolute, float* out) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    scratch_.resize(std::max(scratch_.size(), static_cast<size_t>(scratch_floats(level.width)) * team_.size()));
+    const auto body = [&](int member) {
+        float* own = scratch_.data() + static_cast<size_t>(scratch_floats(level.width)) * member;
+        sweeps_.distance(level, u, absolute, out, band(level.height, member, team_.size()), own);
+    };
+    team_.run(std::ref(body));
+}
+
+void Engine::confidence(const ConfidenceInput& input, const ConfidenceParams& params, float* out) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    stereomend::confidence(input, params, out, ldr_);
+}
+
+void Engine::fill(const Holes& map, int steps, int passes) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    stereomend::fill(map, steps, passes, ldr_);
+}
+
+}  // namespace stereomend

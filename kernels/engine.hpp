@@ -1,0 +1,54 @@
+// The numerics of one worker: threads and buffers that stay from one call to the next.
+#pragma once
+
+#include <atomic>
+#include <mutex>
+#include <string>
+#include <vector>
+
+#include "ldr.hpp"
+#include "sweeps.hpp"
+#include "team.hpp"
+
+namespace stereomend {
+
+// Names of the instruction sets this machine can run, best first.
+std::vector<std::string> instruction_sets();
+
+// One call at a time; calls from several threads wait for each other. Results are bitwise equal for any number of
+// threads. Buffers grow to the largest image seen: nothing is allocated inside a solve.
+class Engine {
+public:
+    // An empty instruction set takes the best. Throws std::invalid_argument for one that is not available.
+    Engine(int threads, const std::string& instruction_set);
+
+    // All warps of one level: refines u (height, width) [in/out, px of the level]. The dual variable starts at 0.
+    void solve(const Level& level, const SolverParams& params, float* u);
+
+    // Writes the distance of the descriptors at every pixel [out, (height, width)].
+    void distance(const Level& level, const float* u, bool absolute, float* out);
+
+    // See ldr.hpp.
+    void confidence(const ConfidenceInput& input, const ConfidenceParams& params, float* out);
+    void fill(const Holes& map, int steps, int passes);
+
+private:
+    struct alignas(64) Progress {
+        std::atomic<int> rows{0};
+    };
+
+    void prepare(const Level& level, float* u);
+    void iterate(const Level& level, const SolverParams& params, int member, int crew);
+
+    const Sweeps& sweeps_;
+    std::mutex mutex_;
+    Team team_;
+    std::vector<float> planes_;   // the solver's state, 5 planes
+    std::vector<float> scratch_;  // rows of each member
+    std::vector<Progress> progress_;
+    LdrBuffers ldr_buffers_;
+    Crew ldr_;
+    State state_{};
+};
+
+}  // namespace stereomend

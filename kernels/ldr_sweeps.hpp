@@ -1,0 +1,58 @@
+// The row loops of LDR, and what they are given. All planes are row-major (height, width).
+#pragma once
+
+#include "pixel.cuh"
+
+namespace stereomend {
+
+struct Size {
+    int width;
+    int height;
+};
+
+struct ConfidenceParams {
+    int window;                // side of the window of the local mean, odd [px]
+    float smoothness_weight;   // alpha_s [1]
+    int smoothness_power;      // exponent of C_s, 1 to 4 [1]
+    float photometric_weight;  // alpha_p [1]
+};
+
+struct ConfidenceInput {
+    Size size;
+    const float* left;   // grey levels, 0 to 255
+    const float* right;
+    const float* u;      // disparity [px]
+    const bool* valid;   // u is known
+    const bool* matte;   // no specular highlight
+};
+
+// Sums over the window along each row and the number of their values, (height, width); scratch: 4 rows of width + 2.
+struct WindowSums {
+    float* sums;
+    float* counts;
+    float* scratch;
+};
+
+// Stands for "nothing known": in a hole of a map, and where a search met nothing.
+constexpr float kNone = __builtin_inff();
+
+struct LdrSweeps {
+    // Writes row y of the sums and counts [out].
+    void (*sum_along)(const ConfidenceInput&, int radius, int y, const WindowSums&);
+    // Writes row y of C_f [out] from the sums of the rows around it.
+    void (*confidence_row)(const ConfidenceInput&, const ConfidenceParams&, int y, const WindowSums&, float* out);
+    // What is met in the pixels of a row [out] after what was met in the row before, after so many steps [in/out by
+    // turns]; w: the map's row.
+    void (*look)(const float* w, const float* before, const float* steps_before, float limit, int width, float* met,
+                 float* steps);
+    // The same to the right (east) and to the left (west) in the row itself.
+    void (*look_along)(const float* w, float limit, int width, float* east, float* west);
+    // Replaces holes of w by the median of what was met in eight directions; returns whether any hole remains.
+    bool (*fill_row)(const float* const met[8], int width, float* w);
+};
+
+extern const LdrSweeps ldr_sweeps_v2;
+extern const LdrSweeps ldr_sweeps_v3;
+extern const LdrSweeps ldr_sweeps_generic;
+
+}  // namespace stereomend
