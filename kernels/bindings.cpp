@@ -41,6 +41,11 @@ int check_threads(int threads) {
     return threads;
 }
 
+void check_window(int window) {
+    if (window < 1 || window > static_cast<int>(kMaxSide) || window % 2 == 0)
+        throw nb::value_error("window: expected an odd number of 1 to 1048575 px");
+}
+
 // A new array that owns its memory, not yet written.
 template <class T>
 Output<T> new_plane(size_t height, size_t width) {
@@ -84,6 +89,7 @@ public:
     Output<float> confidence(const Plane& left, const Plane& right, const Plane& u, const Flags& valid,
                              const Flags& matte, const ConfidenceParams& params) {
         check_same_shape(left, right, u, valid, matte);
+        check_window(params.window);
         const ConfidenceInput input{size_of(left), left.data(), right.data(), u.data(), valid.data(), matte.data()};
         Output<float> out = new_plane<float>(left.shape(0), left.shape(1));
         nb::gil_scoped_release unlocked;

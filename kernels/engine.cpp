@@ -17,8 +17,7 @@ struct Candidate {
 #ifdef HAVE_SWEEPS_v3
 bool has_v3() {
     return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") && __builtin_cpu_supports("bmi") &&
-           __builtin_cpu_supports("bmi2") && __builtin_cpu_supports("lzcnt") && __builtin_cpu_supports("movbe") &&
-           __builtin_cpu_supports("f16c");
+           __builtin_cpu_supports("bmi2");
 }
 
 bool has_v2() { return __builtin_cpu_supports("sse4.2") && __builtin_cpu_supports("popcnt"); }
@@ -65,24 +64,38 @@ Engine::Engine(int threads, const std::string& instruction_set)
       team_(threads),
       ldr_{team_, ldr_buffers_, *choose(instruction_set).ldr} {}
 
+Level Engine::padded(const Level& level) {
+    const size_t stride = level.width + 2;
+    right_.resize(std::max(right_.size(), stride * level.height));
+    scratch_.resize(std::max(scratch_.size(), scratch_floats(level.width) * team_.size()));
+    for (int y = 0; y < level.height; ++y) {
+        const float* source = level.right + static_cast<size_t>(y) * level.width;
+        float* row = right_.data() + y * stride;
+        std::copy(source, source + level.width, row + 1);
+        row[0] = row[1];
+        row[stride - 1] = row[stride - 2];
+    }
+    return {level.width, level.height, level.left, right_.data(), level.weight};
+}
+
 void Engine::prepare(const Level& level, float* u) {
     const size_t pixels = static_cast<size_t>(level.width) * level.height;
     planes_.resize(std::max(planes_.size(), 5 * pixels));
-    scratch_.resize(std::max(scratch_.size(), static_cast<size_t>(scratch_floats(level.width)) * team_.size()));
     float* at = planes_.data();
     state_ = {u, at, at + pixels, at + 2 * pixels, at + 3 * pixels, at + 4 * pixels};
     std::fill(state_.p_x, state_.p_x + 2 * pixels, 0.0f);
 }
 
-void Engine::solve(const Level& level, const SolverParams& params, float* u) {
+void Engine::solve(const Level& unpadded, const SolverParams& params, float* u) {
     const std::lock_guard<std::mutex> lock(mutex_);
+    const Level level = padded(unpadded);
     prepare(level, u);
     const int crew = static_cast<long>(level.width) * level.height < kAlone ? 1 : team_.size();
     const int laps = (params.iterations + lap_length(level, params, crew) - 1) / lap_length(level, params, crew);
     if (progress_.size() < static_cast<size_t>(laps)) progress_ = std::vector<Progress>(laps);
     const auto body = [&](int member) {
         if (member >= crew) return;
-        float* own = scratch_.data() + static_cast<size_t>(scratch_floats(level.width)) * member;
+        float* own = scratch_.data() + scratch_floats(level.width) * member;
         for (int warp = 0; warp < params.warps; ++warp) {
             for (int lap = member; lap < laps; lap += crew) progress_[lap].rows.store(0, std::memory_order_relaxed);
             sweeps_.linearise(level, state_, params, band(level.height, member, crew), own);
@@ -107,19 +120,21 @@ void Engine::iterate(const Level& level, const SolverParams& params, int member,
                 const int needed = std::min(front + 2, level.height);
                 wait_until([&] { return progress_[lap - 1].rows.load(std::memory_order_acquire) >= needed; });
             }
-            for (int k = std::max(0, front - level.height + 1); k < std::min(count, front + 1); ++k)
-                sweeps_.iterate(level, state_, params, front - k);
+            for (int k = std::max(0, front - level.height + 1); k < std::min(count, front + 1); ++k) {
+                const bool first = lap == 0 && k == 0;
+                sweeps_.iterate(level, state_, params, first ? state_.u : state_.u_bar, front - k);
+            }
             const int done = front - count + 2;
             if (done > 0) progress_[lap].rows.store(done, std::memory_order_release);
         }
     }
 }
 
-void Engine::distance(const Level& level, const float* u, bool absolute, float* out) {
+void Engine::distance(const Level& unpadded, const float* u, bool absolute, float* out) {
     const std::lock_guard<std::mutex> lock(mutex_);
-    scratch_.resize(std::max(scratch_.size(), static_cast<size_t>(scratch_floats(level.width)) * team_.size()));
+    const Level level = padded(unpadded);
     const auto body = [&](int member) {
-        float* own = scratch_.data() + static_cast<size_t>(scratch_floats(level.width)) * member;
+        float* own = scratch_.data() + scratch_floats(level.width) * member;
         sweeps_.distance(level, u, absolute, out, band(level.height, member, team_.size()), own);
     };
     team_.run(std::ref(body));

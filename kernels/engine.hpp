@@ -23,6 +23,7 @@ public:
     Engine(int threads, const std::string& instruction_set);
 
     // All warps of one level: refines u (height, width) [in/out, px of the level]. The dual variable starts at 0.
+    // The level's right image comes without padding, here and below.
     void solve(const Level& level, const SolverParams& params, float* u);
 
     // Writes the distance of the descriptors at every pixel [out, (height, width)].
@@ -37,6 +38,7 @@ private:
         std::atomic<int> rows{0};
     };
 
+    Level padded(const Level& level);
     void prepare(const Level& level, float* u);
     void iterate(const Level& level, const SolverParams& params, int member, int crew);
 
@@ -44,7 +46,8 @@ private:
     std::mutex mutex_;
     Team team_;
     std::vector<float> planes_;   // the solver's state, 5 planes
-    std::vector<float> scratch_;  // rows of each member
+    std::vector<float> right_;    // the right image with its rows' ends repeated
+    std::vector<float> scratch_;  // of each member
     std::vector<Progress> progress_;
     LdrBuffers ldr_buffers_;
     Crew ldr_;

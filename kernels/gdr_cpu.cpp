@@ -2,8 +2,6 @@
 //
 // This file is compiled once per instruction set. Everything but the table is local to the file: a function
 // shared by name would leave one copy, perhaps the one that older machines cannot run.
-#include <initializer_list>
-
 #include "sweeps.hpp"
 
 namespace stereomend {
@@ -12,51 +10,38 @@ namespace {
 // Three rows of an image around y, padded by their own ends, so that borders need no test.
 class RowRing {
 public:
-    RowRing(float* memory, int width) : memory_(memory), width_(width), stride_(width + 2) {}
+    RowRing(float* memory, int width) : memory_(memory), width_(width) {}
 
-    float* base(int y) { return memory_ + (y % 3) * stride_ + 1; }
-    float* rest(int y) { return base(y) + 3 * stride_; }
-    GreyRow row(int y) { return {base(y), rest(y)}; }
+    float* row(int y) { return memory_ + (y % 3) * (width_ + 2) + 1; }
 
     void pad(int y) {
-        for (float* row : {base(y), rest(y)}) {
-            row[-1] = row[0];
-            row[width_] = row[width_ - 1];
-        }
+        row(y)[-1] = row(y)[0];
+        row(y)[width_] = row(y)[width_ - 1];
     }
 
 private:
     float* memory_;
     int width_;
-    int stride_;
 };
 
-void load_row(const Level& level, int y, RowRing& ring) {
-    const float* source = level.left + static_cast<long>(y) * level.width;
-    float* base = ring.base(y);
-    float* rest = ring.rest(y);
-    for (int x = 0; x < level.width; ++x) base[x] = source[x];
-    for (int x = 0; x < level.width; ++x) rest[x] = 0.0f;
-    ring.pad(y);
-}
-
-void warp_row(const Level& level, const float* u, int y, RowRing& ring) {
-    const long offset = static_cast<long>(y) * level.width;
-    const float* source = level.right + offset;
-    const float* shift = u + offset;
-    float* base = ring.base(y);
-    float* rest = ring.rest(y);
+// padded: the right image's row with its ends repeated, from its first pixel on; places: a row of scratch.
+void warp_row(const float* padded, const float* u, int width, int* places, float* base, float* rest) {
 #pragma GCC ivdep
-    for (int x = 0; x < level.width; ++x) {
-        const Grey grey = sample_row(source, level.width, x, shift[x]);
+    for (int x = 0; x < width; ++x) {
+        const Place place = place_of(width, x, u[x]);
+        places[x] = place.at;
+        rest[x] = place.fraction;
+    }
+    for (int x = 0; x < width; ++x) {
+        const float* here = padded + places[x];
+        const Grey grey = interpolate(here[0], here[-1], rest[x]);
         base[x] = grey.base;
         rest[x] = grey.rest;
     }
-    ring.pad(y);
 }
 
-template <bool Absolute>
-void describe_row(GreyRow above, GreyRow centre, GreyRow below, int width, float* out) {
+template <bool Absolute, class Row>
+void describe_row(Row above, Row centre, Row below, int width, float* out) {
     const int stride = width + 2;
 #pragma GCC ivdep
     for (int x = 0; x < width; ++x) {
@@ -71,15 +56,15 @@ void describe_row(GreyRow above, GreyRow centre, GreyRow below, int width, float
 class Descriptors {
 public:
     Descriptors(const Level& level, const float* u, bool absolute, float* scratch)
-        : level_(level),
+        : left(scratch),
+          right(left + kNeighbours * stride_of(level)),
+          level_(level),
           u_(u),
-          describe_(absolute ? describe_row<true> : describe_row<false>),
-          left_rows_(scratch, level.width),
-          right_rows_(scratch + 6 * stride(), level.width),
-          left(scratch + 12 * stride()),
-          right(left + kNeighbours * stride()) {}
-
-    int stride() const { return level_.width + 2; }
+          absolute_(absolute),
+          left_rows_(right + kNeighbours * stride_of(level), level.width),
+          base_rows_(right + (kNeighbours + 3) * stride_of(level), level.width),
+          rest_rows_(right + (kNeighbours + 6) * stride_of(level), level.width),
+          places_(reinterpret_cast<int*>(right + (kNeighbours + 9) * stride_of(level))) {}
 
     void start(int y) {
         for (int row = y > 0 ? y - 1 : 0; row <= y; ++row) load(row);
@@ -90,25 +75,43 @@ public:
         const int above = y > 0 ? y - 1 : 0;
         const int below = y + 1 < level_.height ? y + 1 : y;
         if (below > y) load(below);
-        describe_(left_rows_.row(above), left_rows_.row(y), left_rows_.row(below), level_.width, left);
-        describe_(right_rows_.row(above), right_rows_.row(y), right_rows_.row(below), level_.width, right);
+        describe_rows(left_rows_.row(above), left_rows_.row(y), left_rows_.row(below), left);
+        describe_rows(grey(above), grey(y), grey(below), right);
     }
 
+    float* const left;   // (8, width + 2)
+    float* const right;  // (8, width + 2), warped
+
 private:
+    static int stride_of(const Level& level) { return level.width + 2; }
+
+    GreyRow grey(int y) { return {base_rows_.row(y), rest_rows_.row(y)}; }
+
+    template <class Row>
+    void describe_rows(Row above, Row centre, Row below, float* out) {
+        if (absolute_) describe_row<true, Row>(above, centre, below, level_.width, out);
+        else describe_row<false, Row>(above, centre, below, level_.width, out);
+    }
+
     void load(int y) {
-        load_row(level_, y, left_rows_);
-        warp_row(level_, u_, y, right_rows_);
+        const int width = level_.width;
+        const float* source = level_.left + static_cast<long>(y) * width;
+        const float* padded = level_.right + static_cast<long>(y) * (width + 2) + 1;
+        float* row = left_rows_.row(y);
+        for (int x = 0; x < width; ++x) row[x] = source[x];
+        warp_row(padded, u_ + static_cast<long>(y) * width, width, places_, base_rows_.row(y), rest_rows_.row(y));
+        left_rows_.pad(y);
+        base_rows_.pad(y);
+        rest_rows_.pad(y);
     }
 
     const Level& level_;
     const float* u_;
-    void (*describe_)(GreyRow, GreyRow, GreyRow, int, float*);
+    bool absolute_;
     RowRing left_rows_;
-    RowRing right_rows_;
-
-public:
-    float* left;   // (8, width + 2)
-    float* right;  // (8, width + 2), warped
+    RowRing base_rows_;
+    RowRing rest_rows_;
+    int* places_;
 };
 
 // What the data term of a row is weighed with: `step` is 2 lambda tau.
@@ -140,15 +143,10 @@ void linearise_row(const float* d1, const float* d2, int width, const float* u, 
         const float own = Weighted ? weight.step * weight.weight[x] : weight.step;
         linearise_pixel(d1, d2, stride, x, before, after, scale, u[x], own, a + x, b + x);
     };
-    if (width == 1) {
-        a[0] = 1.0f;
-        b[0] = 0.0f;
-        return;
-    }
-    at(0, 0, 1, 1.0f);
+    at(0, 0, last > 0 ? 1 : 0, 1.0f);
 #pragma GCC ivdep
     for (int x = 1; x < last; ++x) at(x, x - 1, x + 1, 0.5f);
-    at(last, last - 1, last, 1.0f);
+    if (last > 0) at(last, last - 1, last, 1.0f);
 }
 
 void linearise(const Level& level, const State& state, const SolverParams& params, Rows rows, float* scratch) {
@@ -162,7 +160,6 @@ void linearise(const Level& level, const State& state, const SolverParams& param
         const DataWeight weight{level.weight ? level.weight + o : nullptr, step};
         descriptors.describe(y);
         row_of(descriptors.left, descriptors.right, level.width, state.u + o, weight, state.a + o, state.b + o);
-        for (int x = 0; x < level.width; ++x) state.u_bar[o + x] = state.u[o + x];
     }
 }
 
@@ -196,14 +193,26 @@ void primal_top_row(const State& row, int width, float tau) {
     for (int x = 1; x < width; ++x) primal_pixel(row, x, row.p_x[x] - row.p_x[x - 1] + row.p_y[x], tau);
 }
 
-void iterate(const Level& level, const State& state, const SolverParams& params, int y) {
+void iterate(const Level& level, const State& state, const SolverParams& params, const float* extrapolated, int y) {
     const long o = static_cast<long>(y) * level.width;
     const State row{state.u + o, state.u_bar + o, state.p_x + o, state.p_y + o, state.a + o, state.b + o};
-    const float* next = y + 1 < level.height ? row.u_bar + level.width : row.u_bar;
+    const float* u_bar = extrapolated + o;
+    const float* next = y + 1 < level.height ? u_bar + level.width : u_bar;
     const float shrink = 1.0f / (1.0f + params.sigma * params.huber_epsilon);
-    dual_row(row.u_bar, next, level.width, params.sigma, shrink, row.p_x, row.p_y);
+    dual_row(u_bar, next, level.width, params.sigma, shrink, row.p_x, row.p_y);
     if (y == 0) primal_top_row(row, level.width, params.tau);
     else primal_row(row, row.p_y - level.width, level.width, params.tau);
+}
+
+void distance_row(const float* d1, const float* d2, int width, float* out) {
+    for (int x = 0; x < width; ++x) {
+        float square = 0.0f;
+        for (int k = 0; k < kNeighbours; ++k) {
+            const float difference = d2[k * (width + 2) + x] - d1[k * (width + 2) + x];
+            square += difference * difference;
+        }
+        out[x] = sqrtf(square);
+    }
 }
 
 void distance(const Level& level, const float* u, bool absolute, float* out, Rows rows, float* scratch) {
@@ -212,16 +221,7 @@ void distance(const Level& level, const float* u, bool absolute, float* out, Row
     descriptors.start(rows.begin);
     for (int y = rows.begin; y < rows.end; ++y) {
         descriptors.describe(y);
-        float* row = out + static_cast<long>(y) * level.width;
-        for (int x = 0; x < level.width; ++x) {
-            float square = 0.0f;
-            for (int k = 0; k < kNeighbours; ++k) {
-                const long at = static_cast<long>(k) * descriptors.stride() + x;
-                const float difference = descriptors.right[at] - descriptors.left[at];
-                square += difference * difference;
-            }
-            row[x] = sqrtf(square);
-        }
+        distance_row(descriptors.left, descriptors.right, level.width, out + static_cast<long>(y) * level.width);
     }
 }
 

@@ -76,10 +76,7 @@ void confidence_row(const ConfidenceInput& in, const ConfidenceParams& params, i
     float* match = count + width + 2;
     sum_down(window.sums, in.size, y, params.window / 2, sum);
     sum_down(window.counts, in.size, y, params.window / 2, count);
-    for (int x = 0; x < width; ++x) {
-        const Grey grey = sample_row(in.right + offset, width, x, u[x]);
-        match[x] = grey.base + grey.rest;
-    }
+    for (int x = 0; x < width; ++x) match[x] = sample_row(in.right + offset, width, x, u[x]);
     const ConfidenceParams constants = params;
 #pragma GCC ivdep
     for (int x = 0; x < width; ++x) {

@@ -36,8 +36,6 @@ struct SolverParams {
 PIXEL_FN float larger(float a, float b) { return a > b ? a : b; }
 PIXEL_FN float smaller(float a, float b) { return a < b ? a : b; }
 
-PIXEL_FN int clamp_index(int i, int size) { return i < 0 ? 0 : (i >= size ? size - 1 : i); }
-
 // A grey level as the sum of a pixel's own level and a rest. The sum itself would round away the rest's last
 // digits, and with them the contrast of smooth tissue; differences of both parts keep them.
 struct Grey {
@@ -45,16 +43,31 @@ struct Grey {
     float rest;
 };
 
-// The value of a row at x - u, linear in between, borders repeated.
+// Where x - u lies in a row: `at` of 0 to width, and how far left of pixel `at`. Beyond the row the border repeats,
+// so between -1 and 0 as between width - 1 and width both neighbours are the border pixel.
+struct Place {
+    int at;
+    float fraction;
+};
+
 // u is split into whole and fraction first: x - u itself would lose digits of u.
-PIXEL_FN Grey sample_row(const float* row, int width, int x, float u) {
+PIXEL_FN Place place_of(int width, int x, float u) {
     const float safe = smaller(larger(u, -kFarAway), kFarAway);
     const float whole = floorf(safe);
-    const float fraction = safe - whole;
     const int at = x - static_cast<int>(whole);
-    const float here = row[clamp_index(at, width)];
-    const float before = row[clamp_index(at - 1, width)];
-    return {here, fraction * (before - here)};
+    return {at < 0 ? 0 : (at > width ? width : at), safe - whole};
+}
+
+// Linear between a pixel and the one before it.
+PIXEL_FN Grey interpolate(float here, float before, float fraction) { return {here, fraction * (before - here)}; }
+
+// The value of a row at x - u, borders repeated.
+PIXEL_FN float sample_row(const float* row, int width, int x, float u) {
+    const Place place = place_of(width, x, u);
+    const float here = row[place.at < width ? place.at : width - 1];
+    const float before = row[place.at > 0 ? place.at - 1 : 0];
+    const Grey grey = interpolate(here, before, place.fraction);
+    return grey.base + grey.rest;
 }
 
 // Pointers to a row of grey levels; x - 1 and x + 1 must be readable.
@@ -67,8 +80,12 @@ PIXEL_FN float difference(GreyRow a, int x_a, GreyRow b, int x_b) {
     return (a.base[x_a] - b.base[x_b]) + (a.rest[x_a] - b.rest[x_b]);
 }
 
+// The left image is not interpolated: its grey levels have no rest.
+PIXEL_FN float difference(const float* a, int x_a, const float* b, int x_b) { return a[x_a] - b[x_b]; }
+
 // Differences to the 3 x 3 neighbours in three neighbouring rows, not yet normalised (Eq. 10).
-PIXEL_FN void differences(GreyRow above, GreyRow centre, GreyRow below, int x, float v[kNeighbours]) {
+template <class Row>
+PIXEL_FN void differences(Row above, Row centre, Row below, int x, float v[kNeighbours]) {
     v[0] = difference(above, x - 1, centre, x);
     v[1] = difference(above, x, centre, x);
     v[2] = difference(above, x + 1, centre, x);

@@ -1,6 +1,8 @@
 // What the sweeps are given, and the table through which the solver calls the ones for this machine.
 #pragma once
 
+#include <stddef.h>
+
 #include "pixel.cuh"
 
 namespace stereomend {
@@ -10,7 +12,7 @@ struct Level {
     int width;
     int height;
     const float* left;
-    const float* right;
+    const float* right;   // (height, width + 2): each row with its ends repeated
     const float* weight;  // of the data term, 0 to 1; null for 1 everywhere
 };
 
@@ -29,17 +31,20 @@ struct Rows {
     int end;
 };
 
-// Floats of scratch that `linearise` and `distance` need: three padded rows of both images, each in two parts,
-// and the descriptors of both.
-constexpr int scratch_floats(int width) { return (2 * 2 * 3 + 2 * kNeighbours) * (width + 2); }
+// Floats of scratch that `linearise` and `distance` need: the descriptors of both images, three rows of the left one
+// and of the two parts of the warped one, and a row of places.
+constexpr size_t scratch_floats(int width) {
+    return (2 * kNeighbours + 3 * 3 + 1) * (static_cast<size_t>(width) + 2);
+}
 
 // Row loops.
 struct Sweeps {
-    // Warps the right image by u [in], describes both, writes a and b [out] and sets u_bar to u.
+    // Warps the right image by u [in], describes both, writes a and b [out].
     void (*linearise)(const Level&, const State&, const SolverParams&, Rows, float* scratch);
-    // One primal-dual iteration of row y: reads u_bar of rows y and y + 1 as the iteration before left them and p_y
-    // of row y - 1 as this iteration left it; updates p, u and u_bar of row y [in/out].
-    void (*iterate)(const Level&, const State&, const SolverParams&, int y);
+    // One primal-dual iteration of row y: reads rows y and y + 1 of the extrapolated plane (u in a warp's first
+    // iteration, else u_bar) as the iteration before left them, and p_y of row y - 1 as this one left it; updates p
+    // and u of row y [in/out] and writes its u_bar [out].
+    void (*iterate)(const Level&, const State&, const SolverParams&, const float* extrapolated, int y);
     // Writes the Euclidean distance of the descriptors at every pixel, 0 to 2 [out].
     void (*distance)(const Level&, const float* u, bool absolute, float* out, Rows, float* scratch);
 };

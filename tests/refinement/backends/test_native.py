@@ -167,6 +167,9 @@ def test_the_kernels_refuse_what_does_not_fit():
         engine.distance(plane.astype(np.float64), plane, plane, False)
     with pytest.raises(ValueError, match="threads"):
         _native.Engine(0)
+    even = _native.ConfidenceParams(window=4, smoothness_weight=1, smoothness_power=1, photometric_weight=1)
+    with pytest.raises(ValueError, match="odd"):
+        engine.confidence(plane, plane, plane, plane > 0, plane > 0, even)
 
 
 @pytest.mark.parametrize("size", [(1, 1), (3, 200), (47, 61)])

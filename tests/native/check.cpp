@@ -1,0 +1,58 @@
+// Runs the kernels on awkward sizes, and on the scene of a file if one is named, with several numbers of threads and
+// every instruction set; results must be finite and, for one instruction set, equal bit for bit. Made to be built
+// with sanitizers.
+#include <cmath>
+#include <cstdio>
+#include <cstring>
+
+#include "scenes.hpp"
+
+using stereomend::Engine;
+using stereomend::SolverParams;
+
+namespace {
+
+const SolverParams kPaper{0.5f, 0.1f, 0.25f, 0.5f, 4, 5, false};
+const SolverParams kReleased{0.375f, 0.1f, 0.25f, 0.5f, 2, 30, false};
+const SolverParams kAbsolute{0.5f, 0.1f, 0.25f, 0.5f, 1, 1, true};
+
+bool all_finite(const std::vector<float>& values) {
+    for (const float value : values)
+        if (!std::isfinite(value)) return false;
+    return true;
+}
+
+bool check(const Scene& scene, const std::string& instruction_set, const SolverParams& params) {
+    std::vector<float> first;
+    for (const int threads : {1, 2, 5}) {
+        Engine engine(threads, instruction_set);
+        for (int repeat = 0; repeat < 2; ++repeat) {
+            const std::vector<float> found = run_all(engine, scene, params);
+            if (first.empty()) first = found;
+            if (!all_finite(found) || std::memcmp(found.data(), first.data(), found.size() * sizeof(float)) != 0) {
+                std::printf("%d x %d, %s, %d threads: differs or is not finite\n", scene.size.width, scene.size.height,
+                            instruction_set.c_str(), threads);
+                return false;
+            }
+        }
+    }
+    return true;
+}
+
+}  // namespace
+
+int main(int count, char** arguments) {
+    std::vector<Scene> scenes;
+    const int sizes[][2] = {{1, 1}, {2, 1}, {1, 2}, {3, 3}, {33, 1}, {1, 33}, {2000, 3}, {3, 2000}, {61, 47}, {131, 79}};
+    for (const auto& size : sizes) scenes.push_back(noisy_scene(size[0], size[1], 7));
+    for (int i = 1; i < count; ++i) scenes.push_back(read_scene(arguments[i]));
+    int checked = 0;
+    for (const Scene& scene : scenes)
+        for (const std::string& name : stereomend::instruction_sets())
+            for (const SolverParams& params : {kPaper, kReleased, kAbsolute}) {
+                if (!check(scene, name, params)) return 1;
+                ++checked;
+            }
+    std::printf("%d combinations of scene, instruction set and parameters are clean\n", checked);
+    return 0;
+}

@@ -1,0 +1,48 @@
+// A fuzz target over all entry points of the kernels: any bits as grey levels and disparities, any small size.
+#include <algorithm>
+#include <cstring>
+
+#include "scenes.hpp"
+
+namespace {
+
+constexpr int kLargestSide = 40;
+
+// Takes bytes from the input as long as there are any, then zeros.
+class Bytes {
+public:
+    Bytes(const uint8_t* data, size_t size) : data_(data), left_(size) {}
+
+    int upto(int most) { return next<uint8_t>() % (most + 1); }
+
+    template <class T>
+    T next() {
+        T value{};
+        const size_t count = std::min(left_, sizeof value);
+        std::memcpy(&value, data_, count);
+        data_ += count;
+        left_ -= count;
+        return value;
+    }
+
+private:
+    const uint8_t* data_;
+    size_t left_;
+};
+
+}  // namespace
+
+extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
+    static stereomend::Engine engines[] = {{1, ""}, {2, ""}, {3, ""}};
+    Bytes bytes(data, size);
+    Scene scene = noisy_scene(1 + bytes.upto(kLargestSide - 1), 1 + bytes.upto(kLargestSide - 1), bytes.next<uint8_t>());
+    stereomend::Engine& engine = engines[bytes.upto(2)];
+    const stereomend::SolverParams params{bytes.next<float>(), bytes.next<float>(), 0.25f, 0.5f,
+                                          bytes.upto(3),       bytes.upto(9),       bytes.upto(1) == 1};
+    for (std::vector<float>* plane : {&scene.left, &scene.right, &scene.u})
+        for (float& value : *plane)
+            if (bytes.upto(7) == 0) value = bytes.next<float>();
+    for (uint8_t& flag : scene.known) flag = bytes.upto(1);
+    run_all(engine, scene, params);
+    return 0;
+}
