@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from plyfile import PlyData
 
 from stereomend import Client, refine
 from stereomend.opencv import cv2
@@ -45,10 +46,13 @@ def inputs(folder):
     return [folder / name for name in ("left.png", "right.png", "network.png")]
 
 
+def arrays(folder):
+    left, right = (np.ascontiguousarray(cv2.imread(str(path))[..., ::-1]) for path in inputs(folder)[:2])
+    return left, right, cv2.imread(str(folder / "network.png"), cv2.IMREAD_UNCHANGED) / np.float32(256)
+
+
 def expected(folder, **params):
-    left, right = (cv2.imread(str(path))[..., ::-1] for path in inputs(folder)[:2])
-    raw = cv2.imread(str(folder / "network.png"), cv2.IMREAD_UNCHANGED) / np.float32(256)
-    return refine(np.ascontiguousarray(left), np.ascontiguousarray(right), raw, **params)
+    return refine(*arrays(folder), **params)
 
 
 def read(path):
@@ -88,6 +92,23 @@ def test_a_server_gives_the_same_bytes(folder, tmp_path, native_server):
         done = stereomend("refine", *inputs(folder), "-o", out, *where)
         assert done.returncode == 0, done.stderr
     assert outs[0].read_bytes() == outs[1].read_bytes()
+
+
+def test_a_mask_and_a_calibration_give_a_point_cloud_here_and_there(folder, tmp_path, native_server):
+    outs = [tmp_path / "here.ply", tmp_path / "there.ply"]
+    known = json.loads((folder / "calibration.json").read_text())
+    calibration = ["--focal-px", known["focal_px"], "--baseline-mm", known["baseline_mm"], "--cx", 40]
+    for out, where in zip(outs, ([], ["--url", native_server]), strict=True):
+        mask = ["--mask", folder / "instrument.png"]
+        done = stereomend("refine", *inputs(folder), "-o", out, *mask, *calibration, *where)
+        assert done.returncode == 0, done.stderr
+    assert outs[0].read_bytes() == outs[1].read_bytes()
+    shown = read(folder / "instrument.png") > 0
+    expected = refine(*arrays(folder), mask=shown, **known, cx=40)
+    vertex = PlyData.read(str(outs[0]))["vertex"]
+    assert (vertex["z"] == expected.depth_mm[shown]).all()
+    columns = np.nonzero(shown)[1]
+    np.testing.assert_allclose(vertex["x"], (columns - 40) * vertex["z"] / known["focal_px"], rtol=1e-5)
 
 
 def readme_block(start):
@@ -133,6 +154,9 @@ def test_the_readme_names_the_commands_that_work():
         ({"-o": "refined.jpg"}, "refined.jpg: ends in '.jpg'"),
         ({"-o": "nowhere/refined.png"}, "nowhere/refined.png: No such file"),
         ({"--disparity-scale": "-1"}, "disparity_scale"),
+        ({"--focal-px": "100"}, "baseline_mm is missing"),
+        ({"--mask": "nowhere.png"}, "nowhere.png: No such file"),
+        ({"-o": "refined.ply"}, "focal_px and baseline_mm"),
     ],
 )
 def test_bad_usage_is_one_line_and_exit_code_2(folder, tmp_path, change, named):

@@ -1,5 +1,6 @@
-"""The SDK against real servers."""
+"""The SDK against real servers: one suite for both clients."""
 
+import asyncio
 import os
 import signal
 import subprocess
@@ -12,7 +13,7 @@ import httpx
 import numpy as np
 import pytest
 
-from stereomend import Client, refine
+from stereomend import AsyncClient, Client, refine
 from stereomend.errors import (
     AccessDenied,
     InvalidParameter,
@@ -27,9 +28,36 @@ QUICK = {"gdr": {"warps": 1, "levels": 1}}
 ENDLESS = {"gdr": {"warps": 1000, "iterations": 1000, "levels": 1}, "processing_scale": 1.0}
 
 
+class Awaited:
+    """`AsyncClient` with the interface of `Client`."""
+
+    def __init__(self, *args, **kwargs):
+        self.client = AsyncClient(*args, **kwargs)
+
+    def __enter__(self):
+        self.runner = asyncio.Runner()
+        self.runner.run(self.client.__aenter__())
+        return self
+
+    def __exit__(self, *error):
+        self.runner.run(self.client.__aexit__(*error))
+        self.runner.close()
+
+    def __getattr__(self, verb):
+        async def call(*args, **kwargs):
+            return await getattr(self.client, verb)(*args, **kwargs)
+
+        return lambda *args, **kwargs: self.runner.run(call(*args, **kwargs))
+
+
+@pytest.fixture(params=[Client, Awaited], ids=["sync", "async"])
+def connect(request):
+    return request.param
+
+
 @pytest.fixture
-def client(server):
-    with Client(server.url) as client:
+def client(server, connect):
+    with connect(server.url) as client:
         yield client
 
 
@@ -48,6 +76,24 @@ def test_files_are_sent_as_they_are(client, scene, tmp_path):
     from_files = client.refine(tmp_path / "left", str(tmp_path / "right"), tmp_path / "disparity", **QUICK)
     from_arrays = client.refine(scene.left, scene.right, scene.disparity, **QUICK)
     np.testing.assert_array_equal(from_files.disparity, from_arrays.disparity)
+
+
+def test_a_mask_goes_along_as_array_and_as_file(client, scene, tmp_path):
+    mask = np.indices(scene.disparity.shape).sum(axis=0) > 20
+    np.save(tmp_path / "mask.npy", mask)
+    local = refine(scene.left, scene.right, scene.disparity, mask=mask, backend="reference", **QUICK)
+    for sent in (mask, mask.astype(np.int32) * 9, tmp_path / "mask.npy"):
+        remote = client.refine(scene.left, scene.right, scene.disparity, mask=sent, **QUICK)
+        for name in ("disparity", "confidence", "provenance", "input_confidence"):
+            np.testing.assert_array_equal(getattr(remote, name), getattr(local, name))
+
+
+def test_a_calibration_brings_depth(client, scene):
+    remote = client.refine(
+        scene.left, scene.right, scene.disparity, focal_px=60, baseline_mm=4, doffs=1, **QUICK
+    )
+    np.testing.assert_allclose(remote.depth_mm, 240 / (remote.disparity.astype(float) + 1), rtol=1e-6)
+    assert (remote.calibration.cx, remote.calibration.cy) == (31.5, 23.5)
 
 
 def test_an_array_of_integers_is_in_pixels(client, scene):
@@ -84,11 +130,11 @@ def test_a_problem_becomes_the_exception_of_its_name(client, scene):
         client.refine(scene.left, scene.right, outputs=["confidence"])
 
 
-def test_a_missing_key_is_told(serving, scene):
+def test_a_missing_key_is_told(serving, scene, connect):
     with serving(api_keys="secret") as server:
-        with Client(server.url) as client, pytest.raises(AccessDenied, match="API key"):
+        with connect(server.url) as client, pytest.raises(AccessDenied, match="API key"):
             client.presets()
-        with Client(server.url, api_key="secret") as client:
+        with connect(server.url, api_key="secret") as client:
             assert client.presets()["default"]
 
 
@@ -97,42 +143,42 @@ def test_health_and_readiness_are_told(client):
     assert client.ready()["backend"] == "reference"
 
 
-def test_a_server_that_is_not_there_is_named(scene):
+def test_a_server_that_is_not_there_is_named(scene, connect):
     with (
-        Client("http://127.0.0.1:9") as client,
+        connect("http://127.0.0.1:9") as client,
         pytest.raises(NotReady, match=r"http://127\.0\.0\.1:9.* cannot be reached"),
     ):
         client.refine(scene.left, scene.right)
 
 
-def test_an_answer_that_takes_too_long_is_not_waited_for(server, scene):
-    with Client(server.url, timeout=0.2) as client, pytest.raises(NotReady, match="in time"):
+def test_an_answer_that_takes_too_long_is_not_waited_for(server, scene, connect):
+    with connect(server.url, timeout=0.2) as client, pytest.raises(NotReady, match="in time"):
         client.refine(scene.left, scene.right, scene.disparity, **ENDLESS | {"gdr": {"warps": 1000}})
 
 
-def test_a_full_queue_is_waited_for(serving, scene):
+def test_a_full_queue_is_waited_for(serving, scene, connect):
     with serving(max_queued_jobs=1, work_limit_s=2) as server:
         first = occupy(server, scene)
-        with Client(server.url) as client:
+        with connect(server.url) as client:
             client.refine(scene.left, scene.right, scene.disparity, **QUICK)
         first.join()
 
 
-def test_patience_ends(serving, scene):
+def test_patience_ends(serving, scene, connect):
     with serving(max_queued_jobs=1, work_limit_s=30) as server:
         occupy(server, scene)
-        with Client(server.url) as client, pytest.raises(QueueFull) as raised:
+        with connect(server.url) as client, pytest.raises(QueueFull) as raised:
             client.refine(scene.left, scene.right, scene.disparity, **QUICK)
         assert raised.value.status == 429
         assert raised.value.retry_after >= 1
 
 
-def test_a_request_that_kills_its_worker_is_repeated_once(serving, scene, eventually):
+def test_a_request_that_kills_its_worker_is_repeated_once(serving, scene, eventually, connect):
     with serving() as server:
         raised = []
 
         def ask():
-            with Client(server.url) as client, pytest.raises(WorkerCrashed) as error:
+            with connect(server.url) as client, pytest.raises(WorkerCrashed) as error:
                 client.refine(scene.left, scene.right, scene.disparity, **ENDLESS)
             raised.append(error.value)
 
@@ -159,6 +205,44 @@ def occupy(server, scene):
     while server.cpu() < idle + 0.3:
         time.sleep(0.02)
     return thread
+
+
+def test_many_refinements_at_once_each_get_their_own_answer(server, scene):
+    """Each asks for a map of its own; more at a time than there are connections."""
+    levels = np.linspace(1, 9, 120)
+
+    async def ask():
+        async with AsyncClient(server.url) as client:
+            asked = (
+                client.refine(
+                    scene.left[:8, :12],
+                    scene.right[:8, :12],
+                    np.full((8, 12), level),
+                    stages=["ldr"],
+                    ldr={"min_confidence": 0, "specular": "off"},
+                )
+                for level in levels
+            )
+            return await asyncio.gather(*asked)
+
+    for level, result in zip(levels, asyncio.run(ask()), strict=True):
+        assert (result.disparity == np.float32(level)).all()
+
+
+def test_a_refinement_that_is_cancelled_is_not_waited_for(serving, scene, eventually):
+    async def ask_and_leave(server):
+        idle = server.cpu()
+        async with AsyncClient(server.url) as client:
+            asking = asyncio.create_task(client.refine(scene.left, scene.right, scene.disparity, **ENDLESS))
+            while server.cpu() < idle + 0.3:
+                await asyncio.sleep(0.02)
+            asking.cancel()
+            with pytest.raises(asyncio.CancelledError):
+                await asking
+
+    with serving(work_limit_s=2) as server:
+        asyncio.run(ask_and_leave(server))
+        eventually(lambda: "POST /v1/refine 499" in server.log.read_text())
 
 
 class Stranger(BaseHTTPRequestHandler):
@@ -190,8 +274,8 @@ def stranger():
         thread.join()
 
 
-def test_an_answer_of_another_server_is_an_error_of_ours(stranger, scene, monkeypatch):
-    with Client(stranger) as client:
+def test_an_answer_of_another_server_is_an_error_of_ours(stranger, scene, monkeypatch, connect):
+    with connect(stranger) as client:
         with pytest.raises(StereomendError, match="no result"):
             client.refine(scene.left, scene.right)
         monkeypatch.setattr(Stranger, "status", 502)

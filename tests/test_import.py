@@ -14,7 +14,9 @@ def modules_after(code):
     return shown.split()
 
 
-@pytest.mark.parametrize("code", ["import stereomend", "from stereomend import Client"])
+@pytest.mark.parametrize(
+    "code", ["import stereomend", "from stereomend import Client", "from stereomend import AsyncClient"]
+)
 def test_the_sdk_pulls_in_neither_the_server_nor_opencv_nor_the_kernels(code):
     loaded = modules_after(code)
     assert "stereomend.disparity" in loaded

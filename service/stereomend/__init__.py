@@ -1,19 +1,21 @@
 """Stereomend mends the disparity maps that stereo networks get wrong.
 
-`refine` works in this process, `Client` asks a server; both return a `RefinementResult`.
+`refine` works in this process, `Client` and `AsyncClient` ask a server; all return a `RefinementResult`.
 """
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from stereomend.disparity import DisparityMap, Provenance, RefinementResult, StereoPair
+from stereomend.disparity import Calibration, DisparityMap, Provenance, RefinementResult, StereoPair
 from stereomend.errors import StereomendError
 
 if TYPE_CHECKING:
-    from stereomend.client import Client
+    from stereomend.client import AsyncClient, Client
     from stereomend.refinement import refine
 
 __all__ = [
+    "AsyncClient",
+    "Calibration",
     "Client",
     "DisparityMap",
     "Provenance",
@@ -24,7 +26,11 @@ __all__ = [
 ]
 
 # The SDK must not load the kernels, nor in-process use the HTTP client.
-_LAZY = {"Client": "stereomend.client", "refine": "stereomend.refinement"}
+_LAZY = {
+    "AsyncClient": "stereomend.client",
+    "Client": "stereomend.client",
+    "refine": "stereomend.refinement",
+}
 
 
 def __getattr__(name: str) -> Any:

@@ -70,6 +70,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_phantom(
         commands.add_parser("phantom", help="write synthetic pairs with exact and with broken disparity")
     )
+    _add_bench(commands.add_parser("bench", help="measure how fast this machine refines"))
     _add_doctor(commands.add_parser("doctor", help="say what this machine has, and what is missing"))
     return parser
 
@@ -107,7 +108,7 @@ def _add_refine(parser: argparse.ArgumentParser) -> None:
         metavar="DISPARITY",
         help="16-bit PNG, NPY, PFM or TIFF; default: matched",
     )
-    add("-o", "--output", type=Path, required=True, metavar="OUT", help=".png .npy .npz .pfm or .tiff")
+    add("-o", "--output", type=Path, required=True, metavar="OUT", help=".png .npy .npz .pfm .tiff or .ply")
     add("--preset", help="set of parameters to start from")
     add("--stages", type=_list, help="ldr,gdr or one of them")
     add("--initial", help="upload, sgbm or zero")
@@ -118,6 +119,7 @@ def _add_refine(parser: argparse.ArgumentParser) -> None:
         help="working size divided by input size (default 0.5)",
     )
     add("--disparity-scale", type=float, help="divisor of integer maps (default 256 for 16-bit PNG)")
+    add("--mask", type=Path, metavar="PNG", help="one channel; 0 is not part of the scene")
     add(
         "--set",
         action="append",
@@ -125,6 +127,7 @@ def _add_refine(parser: argparse.ArgumentParser) -> None:
         metavar="STAGE.NAME=VALUE",
         help="override, such as gdr.warps=10",
     )
+    _add_calibration(parser)
     add("--backend", default="auto", help="auto, native or reference, for refining here")
     add("--url", help="refine on this server instead of here")
     add("--api-key", default=os.environ.get("STEREOMEND_API_KEY"), help="default: $STEREOMEND_API_KEY")
@@ -133,16 +136,37 @@ def _add_refine(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(command=_refine)
 
 
+def _add_calibration(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
+    add("--focal-px", type=float, help="focal length of the images [px]; with --baseline-mm gives depth")
+    add("--baseline-mm", type=float, help="distance of the cameras [mm]")
+    add("--cx", type=float, help="principal point's column [px] (default: the image centre)")
+    add("--cy", type=float, help="principal point's row [px] (default: the image centre)")
+    add("--doffs", type=float, help="cx of the right image minus cx of the left one [px] (default 0)")
+
+
 def _list(text: str) -> list[str]:
     return [part.strip() for part in text.split(",") if part.strip()]
 
 
 def _refine(options: argparse.Namespace) -> int:
-    from stereomend.codec import PREVIEW_TYPE, encode_result, media_type_for
+    from stereomend.codec import (
+        PLY_TYPE,
+        PREVIEW_TYPE,
+        check_calibrated,
+        decode_image,
+        encode_result,
+        media_type_for,
+    )
+    from stereomend.settings import load_settings
 
     media_type = media_type_for(options.output)
+    check_calibrated(media_type, options.focal_px is not None)
     result = _refined_on_server(options) if options.url else _refined_here(options)
-    options.output.write_bytes(encode_result(result, media_type))
+    left = None
+    if media_type == PLY_TYPE:
+        left = decode_image(options.left.read_bytes(), "left", load_settings().max_pixels)
+    options.output.write_bytes(encode_result(result, media_type, left=left))
     if options.preview:
         options.preview.write_bytes(encode_result(result, PREVIEW_TYPE))
     _tell(options, result)
@@ -153,7 +177,9 @@ def _refined_on_server(options: argparse.Namespace) -> RefinementResult:
     from stereomend.client import Client
 
     with Client(options.url, options.api_key) as client:
-        return client.refine(options.left, options.right, options.disparity, **_params(options))
+        return client.refine(
+            options.left, options.right, options.disparity, mask=options.mask, **_params(options)
+        )
 
 
 def _refined_here(options: argparse.Namespace) -> RefinementResult:
@@ -163,12 +189,16 @@ def _refined_here(options: argparse.Namespace) -> RefinementResult:
 
     params = parse_params(_params(options))
     disparity = options.disparity.read_bytes() if options.disparity else None
-    files = Files(options.left.read_bytes(), options.right.read_bytes(), disparity)
-    return refine_files(files, params, select_backend(options.backend), load_settings().max_pixels)
+    mask = options.mask.read_bytes() if options.mask else None
+    files = Files(options.left.read_bytes(), options.right.read_bytes(), disparity, mask=mask)
+    return refine_files(files, params, select_backend(options.backend), load_settings().max_pixels).result
 
 
 def _params(options: argparse.Namespace) -> dict[str, Any]:
-    names = ("preset", "stages", "initial", "processing_scale", "disparity_scale")
+    names = (
+        *("preset", "stages", "initial", "processing_scale", "disparity_scale"),
+        *("focal_px", "baseline_mm", "cx", "cy", "doffs"),
+    )
     params: dict[str, Any] = {
         name: getattr(options, name) for name in names if getattr(options, name) is not None
     }
@@ -251,6 +281,31 @@ def _phantom(options: argparse.Namespace) -> int:
         folder = options.output / f"phantom_{seed:04d}"
         write_phantom(folder, phantom, seed)
         print(folder)
+    return 0
+
+
+def _add_bench(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
+    add("--size", type=_size, nargs="+", metavar="WxH", help="of the input in px; it is worked at half of it")
+    add("--preset", nargs="+", help="default: all")
+    add("--backend", nargs="+", help="native, reference; default: native")
+    add("--threads", type=int, nargs="+", help="default: 1, 2 and all cores")
+    add("--repeats", type=int, help="rounds, each with every configuration once (default 9)")
+    add("--json", type=Path, metavar="FILE", help="write all figures, and what they were measured on")
+    add("--http", action=argparse.BooleanOptionalAction, default=True, help="time requests to a server too")
+    add("--quick", action="store_true", help="a few seconds: whether it works, not how fast")
+    parser.set_defaults(command=_bench)
+
+
+def _bench(options: argparse.Namespace) -> int:
+    from stereomend.bench import as_json, lines_of, plan_of, run_bench
+
+    names = ("size", "preset", "backend", "threads", "repeats")
+    given = {name: getattr(options, name) for name in names if getattr(options, name) is not None}
+    report = run_bench(plan_of(given, quick=options.quick, http=options.http))
+    print("\n".join(lines_of(report)))
+    if options.json:
+        options.json.write_text(as_json(report))
     return 0
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from stereomend.errors import ShapeMismatch, UnknownFormat
+from stereomend.errors import InvalidParameter, ShapeMismatch, UnknownFormat
 
 FloatMap = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
@@ -27,7 +27,7 @@ class Provenance(IntEnum):
     FILLED = 2
     """Unknown in the upload, or replaced by the local refinement."""
     UNOBSERVED = 3
-    """Not visible in the right image: outside it, or occluded."""
+    """Not visible in the right image, outside it or occluded, or not part of the scene."""
 
 
 @dataclass(frozen=True)
@@ -36,21 +36,37 @@ class StereoPair:
 
     Raises:
         UnknownFormat: an array has another dtype, number of axes or channels, or no pixel.
-        ShapeMismatch: the two differ in height or width.
+        ShapeMismatch: two of them differ in height or width.
+        InvalidParameter: the mask leaves no pixel of the scene.
     """
 
     left: Image
     right: Image
+    mask: Mask | None = None
+    """Which pixels of the left image show the scene, bool (H, W); None: all."""
 
     def __post_init__(self) -> None:
         for name, image in (("left", self.left), ("right", self.right)):
             check_image(name, image)
         check_same_size("right", self.right.shape, "left", self.left.shape)
+        if self.mask is not None:
+            check_same_size("mask", self.mask.shape, "left", self.left.shape)
+            if not self.mask.any():
+                raise InvalidParameter("mask is 0 everywhere: no pixel is part of the scene")
 
     @property
     def shape(self) -> tuple[int, int]:
         """Height and width in pixels."""
         return self.left.shape[0], self.left.shape[1]
+
+
+def as_mask(array: npt.NDArray[Any]) -> Mask:
+    """Take bools or integers of shape (H, W), 0: not part of the scene (raises UnknownFormat for others)."""
+    if array.ndim != 2 or array.dtype.kind not in "bui":
+        raise UnknownFormat(
+            f"mask is {array.dtype} of shape {array.shape}; expected bool or integers of shape (H, W)"
+        )
+    return array.astype(np.bool_)
 
 
 def check_image(name: str, image: Image) -> None:
@@ -105,6 +121,42 @@ class DisparityMap:
 
 
 @dataclass(frozen=True)
+class Calibration:
+    """What turns disparity into depth, for images of the size that was sent: `Z = f B / (d + doffs)`."""
+
+    focal_px: float
+    """f, focal length of the rectified images, px."""
+    baseline_mm: float
+    """B, distance of the two cameras, mm."""
+    cx: float
+    """Column of the left image's principal point, px; the first column is 0."""
+    cy: float
+    """Row of the left image's principal point, px."""
+    doffs: float = 0.0
+    """Column of the right image's principal point minus `cx`, px."""
+
+    def depth_mm(self, disparity: FloatMap) -> FloatMap:
+        """Depth Z along the optical axis in mm, (H, W), of a map in px; 0 where d + doffs is not above 0.
+
+        0 also where the depth is too large for float32.
+        """
+        shift = disparity.astype(np.float64) + self.doffs
+        depth = np.divide(self.focal_px * self.baseline_mm, shift, out=np.zeros_like(shift), where=shift > 0)
+        with np.errstate(over="ignore"):
+            narrow = depth.astype(np.float32)
+        narrow[~np.isfinite(narrow)] = 0
+        return narrow
+
+    def points_mm(self, depth_mm: FloatMap) -> FloatMap:
+        """X right, Y down and Z forward of the left camera in mm, (H, W, 3), of a depth map (H, W) in mm."""
+        rows, columns = (np.arange(side) for side in depth_mm.shape)
+        depth = depth_mm.astype(np.float64)
+        x = (columns - self.cx) * depth / self.focal_px
+        y = (rows[:, None] - self.cy) * depth / self.focal_px
+        return np.stack([x, y, depth], axis=-1).astype(np.float32)
+
+
+@dataclass(frozen=True)
 class RefinementResult:
     """A refined map with what is known about it; every map has the shape (H, W) of the input."""
 
@@ -116,13 +168,21 @@ class RefinementResult:
     """Values of `Provenance`."""
     input_confidence: FloatMap
     """Of the upload, in [0, 1]; 0 where it was unknown."""
+    depth_mm: FloatMap | None = None
+    """Depth in mm, 0 where unknown or not part of the scene; None without a calibration."""
     timings: dict[str, float] = field(default_factory=dict)
     """Milliseconds per stage, with the keys of `Server-Timing`."""
     meta: Mapping[str, Any] = field(default_factory=dict)
-    """Version, kernel hash, preset, backend, parameters and `quality`."""
+    """Version, kernel hash, preset, backend, parameters, `calibration` if one was given, and `quality`."""
 
     @property
     def quality(self) -> Mapping[str, Any]:
         """Shares of valid, kept, refined, filled and unobserved pixels, residuals, levels and warnings."""
         quality: Mapping[str, Any] = self.meta["quality"]
         return quality
+
+    @property
+    def calibration(self) -> Calibration | None:
+        """What `depth_mm` was computed with."""
+        given = self.meta.get("calibration")
+        return None if given is None else Calibration(**given)

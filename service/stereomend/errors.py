@@ -7,8 +7,8 @@ StereomendError
 |  |- DamagedFile            a file is truncated or corrupt
 |  |- BodyTooLarge           the request has more bytes than the server takes
 |  |- TooManyPixels          an image has more pixels than the server takes
-|  |- InvalidParameter       a parameter is unknown, of the wrong type or out of range
-|  |- ShapeMismatch          left, right and disparity do not have the same height and width
+|  |- InvalidParameter       a parameter is unknown, of the wrong type or out of range, or a mask all 0
+|  |- ShapeMismatch          left, right, disparity and mask do not have the same height and width
 |  |- NoValidDisparity       the disparity map has no valid pixel
 |  |- DisparityOutOfRange    a result does not fit the format that was asked for
 |  |- NotAcceptable          no media type in `Accept` is offered
@@ -82,14 +82,14 @@ class TooManyPixels(InputError):
 
 
 class InvalidParameter(InputError):
-    """Raised when a parameter is unknown, of the wrong type or out of range."""
+    """Raised when a parameter is unknown, of the wrong type or out of range, or a mask 0 everywhere."""
 
     slug = "invalid-parameter"
     title = "Invalid parameter"
 
 
 class ShapeMismatch(InputError):
-    """Raised when left, right and disparity do not have the same height and width."""
+    """Raised when left, right, disparity and mask do not have the same height and width."""
 
     slug = "shape-mismatch"
     title = "Shapes do not match"

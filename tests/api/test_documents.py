@@ -53,8 +53,9 @@ def test_openapi_offers_files_to_upload_and_lists_what_may_come_back(openapi):
         "left",
         "right",
         "disparity",
+        "mask",
     ]
-    assert len(refine["responses"]["200"]["content"]) == 6
+    assert len(refine["responses"]["200"]["content"]) == 7
     assert set(refine["responses"]) == set(ANSWERS)
     for status, response in refine["responses"].items():
         assert status == "200" or list(response["content"]) == ["application/problem+json"]

@@ -9,10 +9,12 @@ import cv2
 import numpy as np
 import pytest
 import tifffile
+from plyfile import PlyData
 
 from stereomend.refinement import refine
 
 QUICK = {"gdr": {"warps": 1, "levels": 1}}
+CALIBRATION = {"focal_px": 80.0, "baseline_mm": 4.5, "doffs": 0.5}
 
 STAGES = ["queue", "decode", "initial", "ldr", "gdr", "encode", "total"]
 
@@ -90,6 +92,38 @@ def test_outputs_pick_the_arrays_of_the_zip(server, post):
     response = post(server, accept="application/zip", params=QUICK | {"outputs": ["confidence"]})
     with np.load(io.BytesIO(response.content), allow_pickle=False) as archive:
         assert set(archive.files) == {"confidence", "meta"}
+
+
+def test_a_mask_says_what_is_not_part_of_the_scene(server, post, scene, as_npy):
+    mask = np.indices(scene.disparity.shape)[1] > 9
+    picture = cv2.imencode(".png", mask.astype(np.uint8) * 255)[1].tobytes()
+    expected = refine(scene.left, scene.right, scene.disparity, mask=mask, backend="reference", **QUICK)
+    for sent in (picture, as_npy(mask)):
+        response = post(server, accept="application/zip", params=QUICK, mask=sent)
+        with np.load(io.BytesIO(response.content), allow_pickle=False) as archive:
+            for name in ("disparity", "confidence", "provenance", "input_confidence"):
+                np.testing.assert_array_equal(archive[name], getattr(expected, name))
+            assert (archive["provenance"][:, :10] == 3).all()
+
+
+def test_a_calibration_brings_depth(server, post):
+    response = post(server, accept="application/zip", params=QUICK | CALIBRATION)
+    with np.load(io.BytesIO(response.content), allow_pickle=False) as archive:
+        expected = 80.0 * 4.5 / (archive["disparity"].astype(float) + 0.5)
+        np.testing.assert_allclose(archive["depth_mm"], expected, rtol=1e-6)
+        meta = json.loads(str(archive["meta"]))
+    assert meta["calibration"] == CALIBRATION | {"cx": 31.5, "cy": 23.5}
+
+
+def test_a_point_cloud_has_the_colours_of_the_left_image(server, post, scene):
+    response = post(server, accept="application/ply", params=QUICK | CALIBRATION)
+    assert response.headers["Content-Type"] == "application/ply"
+    assert json.loads(response.headers["Stereomend-Meta"])["calibration"]["focal_px"] == 80
+    expected = refine(scene.left, scene.right, scene.disparity, backend="reference", **QUICK | CALIBRATION)
+    vertex = PlyData.read(io.BytesIO(response.content))["vertex"]
+    np.testing.assert_array_equal(vertex["z"], expected.depth_mm.ravel())
+    colours = np.stack([vertex[channel] for channel in ("red", "green", "blue")], axis=1)
+    np.testing.assert_array_equal(colours, scene.left.reshape(-1, 3))
 
 
 def test_params_may_also_come_as_a_file(server, post):

@@ -4,6 +4,7 @@ import socket
 import time
 
 import httpx
+import numpy as np
 import pytest
 
 QUICK = {"gdr": {"warps": 1, "levels": 1}}
@@ -102,6 +103,32 @@ def test_a_wrong_parameter_is_named(server, post, is_problem, params, where):
 def test_an_upload_that_is_asked_for_must_be_there(server, post, is_problem):
     response = post(server, params={"initial": "upload"}, disparity=None)
     is_problem(response, 422, "invalid-parameter")
+
+
+def test_depth_needs_a_calibration_and_is_refused_before_any_file_is_read(server, post, is_problem):
+    for accept, params in (("application/ply", {}), ("application/zip", {"outputs": ["depth_mm"]})):
+        problem = is_problem(
+            post(server, accept=accept, params=params, left=b"no image"), 422, "invalid-parameter"
+        )
+        assert "focal_px" in problem["detail"]
+        assert "baseline_mm" in problem["detail"]
+    problem = is_problem(post(server, params={"focal_px": 100}), 422, "invalid-parameter")
+    assert "baseline_mm is missing" in problem["detail"]
+
+
+def test_a_mask_that_does_not_fit_is_refused(server, post, is_problem, scene, as_npy):
+    ones = np.ones(scene.disparity.shape, np.uint8)
+    detail = is_problem(post(server, mask=as_npy(ones[1:])), 422, "shape-mismatch")["detail"]
+    assert "mask is 64 x 47" in detail
+    assert "left is 64 x 48" in detail
+    is_problem(post(server, mask=as_npy(ones * 0)), 422, "invalid-parameter")
+    is_problem(post(server, mask=as_npy(ones * 0.5)), 415, "unknown-format")
+
+
+@pytest.mark.parametrize("name", ["disparity", "mask"])
+def test_an_empty_file_is_not_taken_for_none(server, post, is_problem, name):
+    detail = is_problem(post(server, **{name: b""}), 422, "damaged-file")["detail"]
+    assert detail.startswith(f"{name}: the file is empty")
 
 
 def test_a_body_announced_too_large_is_refused_before_it_is_sent(serving, is_problem):

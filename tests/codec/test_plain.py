@@ -61,7 +61,7 @@ class Trap:
     ("array", "says"),
     [
         (np.full((2, 3), Trap(), dtype=object), "Python objects"),
-        (np.zeros((2, 3), bool), "bool"),
+        (np.zeros((2, 3), bool), "NPY of bool, 1 channel"),
         (np.zeros((2, 3), complex), "complex128"),
         (np.zeros((2, 3), "S5"), "bytes40"),
         (np.zeros((2, 3), "M8[s]"), "datetime64"),

@@ -3,6 +3,7 @@ from __future__ import annotations
 import io
 import json
 import zipfile
+from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
@@ -11,7 +12,6 @@ import tifffile
 
 from stereomend.codec import (
     MEDIA_TYPES,
-    OUTPUTS,
     PREVIEW_TYPE,
     decode_disparity,
     encode_result,
@@ -22,6 +22,7 @@ from stereomend.errors import DisparityOutOfRange, InvalidParameter, NotAcceptab
 from stereomend.opencv import cv2
 
 SIZES = [(1, 1), (1, 13), (13, 1), (37, 53)]
+UNCALIBRATED = ("disparity", "confidence", "provenance", "input_confidence")
 PNG, NPY, PFM, TIFF, ZIP = (MEDIA_TYPES[ending] for ending in (".png", ".npy", ".pfm", ".tiff", ".npz"))
 
 
@@ -104,8 +105,8 @@ def test_zip_is_what_numpy_loads_with_meta_as_json(disparity):
     meta = {"version": "1.2", "quality": MappingProxyType({"kept": np.float32(0.5), "warnings": ()})}
     result = result_of(disparity, meta)
     with np.load(io.BytesIO(encode_result(result, ZIP)), allow_pickle=False) as arrays:
-        assert set(arrays) == {*OUTPUTS, "meta"}
-        for name in OUTPUTS:
+        assert set(arrays) == {*UNCALIBRATED, "meta"}
+        for name in UNCALIBRATED:
             assert arrays[name].dtype == getattr(result, name).dtype
             np.testing.assert_array_equal(arrays[name], getattr(result, name))
         assert arrays["meta"].shape == ()
@@ -121,6 +122,14 @@ def test_outputs_pick_the_arrays_of_a_zip_and_meta_is_always_there(disparity):
     assert zipfile.ZipFile(io.BytesIO(data)).namelist() == ["meta.npy", "provenance.npy"]
     with pytest.raises(InvalidParameter, match="depth_mm"):
         encode_result(result_of(disparity), ZIP, ["disparity", "depth_mm"])
+
+
+def test_a_calibrated_result_has_its_depth_in_the_zip(disparity):
+    result = replace(result_of(disparity), depth_mm=900 / disparity)
+    for outputs in (None, ["depth_mm"]):
+        with np.load(io.BytesIO(encode_result(result, ZIP, outputs))) as arrays:
+            np.testing.assert_array_equal(arrays["depth_mm"], 900 / disparity)
+            assert ("disparity" in arrays) == (outputs is None)
 
 
 def test_meta_that_is_no_json_is_a_fault_not_a_file(disparity):
@@ -149,6 +158,7 @@ def test_other_media_types_are_not_acceptable(disparity):
         ("a.pfm", "image/x-portable-floatmap"),
         ("a.tif", "image/tiff"),
         ("a.b.TIFF", "image/tiff"),
+        ("a.ply", "application/ply"),
     ],
 )
 def test_the_ending_of_a_file_chooses_the_media_type(path, media_type):
@@ -157,5 +167,5 @@ def test_the_ending_of_a_file_chooses_the_media_type(path, media_type):
 
 @pytest.mark.parametrize("path", ["a.jpg", "a", "png", ".npy/a"])
 def test_other_endings_are_refused_with_those_offered(path):
-    with pytest.raises(InvalidParameter, match=r"\.png, \.npy, \.npz, \.pfm, \.tiff, \.tif$"):
+    with pytest.raises(InvalidParameter, match=r"\.png, \.npy, \.npz, \.pfm, \.tiff, \.tif, \.ply$"):
         media_type_for(path)

@@ -36,6 +36,8 @@ REFINE_BODY = {
                         "right": _FILE | {"description": "right image, rectified with the left, of its size"},
                         "disparity": _FILE
                         | {"description": "the map to mend [px], of their size: 16-bit PNG, NPY, PFM, TIFF"},
+                        "mask": _FILE
+                        | {"description": "one channel, of their size: 0 is not part of the scene"},
                         "params": _TEXT
                         | {"description": "JSON object; see `/v1/presets`", "example": json.dumps(_EXAMPLE)},
                     },

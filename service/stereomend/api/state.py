@@ -19,7 +19,8 @@ class Service:
     supervisor: Supervisor
 
 
-def _service(request: Request) -> Service:
+async def _service(request: Request) -> Service:
+    # Not async, it would be handed to a thread, for half a millisecond.
     return cast(Service, request.app.state.service)
 
 

@@ -13,9 +13,9 @@ from starlette.requests import Request
 
 from stereomend.errors import BodyTooLarge, InvalidParameter, MalformedRequest, UnknownFormat
 
-FILES = ("left", "right", "disparity")
+FILES = ("left", "right", "disparity", "mask")
 PARAMS = "params"
-_OPTIONAL = ("disparity", PARAMS)
+_OPTIONAL = ("disparity", "mask", PARAMS)
 _MOST_PARTS = 16
 _LONGEST_PARAMS = 1 << 16
 
@@ -90,7 +90,7 @@ def _check_names(form: FormData) -> None:
     for name in FILES:
         if name not in names and name not in _OPTIONAL:
             raise MalformedRequest(
-                f"part {name!r} is missing; expected left, right and optionally disparity, params"
+                f"part {name!r} is missing; expected left, right and optionally {', '.join(_OPTIONAL)}"
             )
 
 

@@ -1,18 +1,29 @@
 """Every image and disparity format, in and out, with limits that hold before a pixel is decoded."""
 
-from stereomend.codec.images import decode_image
+from stereomend.codec.images import decode_image, decode_mask
 from stereomend.codec.maps import decode_disparity
 from stereomend.codec.preview import Span, colourise, preview_picture
-from stereomend.codec.results import MEDIA_TYPES, OUTPUTS, PREVIEW_TYPE, encode_result, media_type_for
+from stereomend.codec.results import (
+    MEDIA_TYPES,
+    OUTPUTS,
+    PLY_TYPE,
+    PREVIEW_TYPE,
+    check_calibrated,
+    encode_result,
+    media_type_for,
+)
 
 __all__ = [
     "MEDIA_TYPES",
     "OUTPUTS",
+    "PLY_TYPE",
     "PREVIEW_TYPE",
     "Span",
+    "check_calibrated",
     "colourise",
     "decode_disparity",
     "decode_image",
+    "decode_mask",
     "encode_result",
     "media_type_for",
     "preview_picture",

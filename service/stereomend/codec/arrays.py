@@ -22,10 +22,11 @@ def read_header(data: bytes) -> Header:
 
     Raises:
         DamagedFile: the header is cut off or cannot be parsed.
-        UnknownFormat: the array is not of integers or floats of up to 8 bytes, or not (H, W) or (H, W, C).
+        UnknownFormat: the array is not of bools, integers or floats of up to 8 bytes, or not (H, W) or
+            (H, W, C).
     """
     shape, fortran, dtype, start = _parse(data)
-    if dtype.kind not in "iuf" or dtype.itemsize > 8:
+    if dtype.kind not in "biuf" or dtype.itemsize > 8:
         raise UnknownFormat(f"NPY of {_described(dtype)}; expected integers or floats of 1 to 8 bytes")
     if len(shape) not in (2, 3):
         raise UnknownFormat(f"NPY with {len(shape)} axes; expected (H, W) or (H, W, 3)")
@@ -36,6 +37,9 @@ def read_header(data: bytes) -> Header:
     def decode() -> Pixels:
         check_length("NPY", len(data), start + prod(shape) * dtype.itemsize)
         samples = np.frombuffer(data, dtype, prod(shape), start)
+        if dtype.kind == "b":
+            # A byte that is neither 0 nor 1 would be a bool that is neither.
+            samples = samples.view(np.uint8) != 0
         return samples.reshape(shape, order="F" if fortran else "C").astype(
             dtype.newbyteorder("="), order="C"
         )

@@ -52,7 +52,8 @@ def decode_disparity(data: bytes, name: str, max_pixels: int, scale: float | Non
 
 def _check_type(header: Header) -> None:
     # A PNG of 1, 2 or 4 bits is spread to 8, which keeps pictures but not numbers.
-    if header.format not in _FORMATS or header.channels != 1 or header.bits in (1, 2, 4):
+    no_numbers = header.bits in (1, 2, 4) or header.dtype.kind == "b"
+    if header.format not in _FORMATS or header.channels != 1 or no_numbers:
         raise UnknownFormat(f"{header}; expected {EXPECTED}")
 
 

@@ -8,7 +8,9 @@ from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
+from stereomend.codec.deflate import ERRORS, Buffer, crc32, deflated, inflater
 from stereomend.codec.headers import Header, Pixels
 from stereomend.errors import DamagedFile, UnknownFormat
 from stereomend.opencv import cv2
@@ -18,14 +20,11 @@ SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _CHANNELS = {0: 1, 2: 3, 3: 3, 4: 2, 6: 4}
 _DEPTHS = {0: (1, 2, 4, 8, 16), 2: (8, 16), 3: (1, 2, 4, 8), 4: (8, 16), 6: (8, 16)}
 _PALETTE = 3
+_UP = 2  # filter: each byte minus the one above; smooth maps become nearly all zero
 _HEADER_END = 33  # signature, then IHDR: length, name, 13 bytes, checksum
 _MOST_CHUNKS = 100_000  # each costs microseconds here; real writers need a few hundred per megapixel
-_PIECE = 1 << 14  # compressed bytes inflated at a time; one piece holds at most 17 MB
 _ADAM7 = ((0, 0, 8, 8), (4, 0, 8, 8), (0, 4, 4, 8), (2, 0, 4, 4), (0, 2, 2, 4), (1, 0, 2, 2), (0, 1, 1, 2))
 _ONE_PASS = ((0, 0, 1, 1),)
-
-
-Buffer = bytes | memoryview
 
 
 class _Ihdr(NamedTuple):
@@ -50,7 +49,7 @@ def read_header(data: bytes) -> Header:
     """
     if len(data) < _HEADER_END or data[8:16] != b"\0\0\0\rIHDR":
         raise DamagedFile("the PNG ends in its header, or has none")
-    if zlib.crc32(data[12:29]) != int.from_bytes(data[29:33], "big"):
+    if crc32(data[12:29]) != int.from_bytes(data[29:33], "big"):
         raise DamagedFile("the header of the PNG has a wrong checksum")
     ihdr = _Ihdr._make(struct.unpack_from(">IIBBBBB", data, 16))
     if ihdr.depth not in _DEPTHS.get(ihdr.colour, ()) or (ihdr.compression, ihdr.filtering) != (0, 0):
@@ -68,6 +67,19 @@ def read_header(data: bytes) -> Header:
         lambda: _decode(data, ihdr),
         bits=ihdr.depth,
     )
+
+
+def write_png16(levels: npt.NDArray[np.uint16]) -> bytes:
+    """Write a grey PNG of 16 bits, fast rather than small; levels have the shape (H, W)."""
+    height, width = levels.shape
+    samples = levels.astype(">u2").view(np.uint8)
+    rows = np.empty((height, 1 + 2 * width), np.uint8)
+    rows[:, 0] = _UP
+    rows[0, 1:] = samples[0]
+    np.subtract(samples[1:], samples[:-1], out=rows[1:, 1:])
+    ihdr = struct.pack(">IIBBBBB", width, height, 16, 0, 0, 0, 0)
+    chunks = (_chunk(b"IHDR", ihdr), _chunk(b"IDAT", deflated(rows.data)), _chunk(b"IEND", b""))
+    return b"".join((SIGNATURE, *(part for chunk in chunks for part in chunk)))
 
 
 def _decode(data: bytes, ihdr: _Ihdr) -> Pixels:
@@ -110,7 +122,7 @@ def _chunks(data: bytes) -> Iterator[tuple[bytes, memoryview]]:
         body, end = view[at + 8 : at + 8 + length], at + 12 + length
         if end > len(data):
             raise DamagedFile(f"the PNG is cut off after {len(data)} bytes, before its end")
-        if zlib.crc32(body, zlib.crc32(kind)) != int.from_bytes(view[end - 4 : end], "big"):
+        if crc32(body, crc32(kind)) != int.from_bytes(view[end - 4 : end], "big"):
             raise DamagedFile(f"the PNG has a wrong checksum before byte {end}")
         yield kind, body
         if kind == b"IEND":
@@ -119,30 +131,22 @@ def _chunks(data: bytes) -> Iterator[tuple[bytes, memoryview]]:
     raise DamagedFile(f"the PNG has more than {_MOST_CHUNKS} chunks")
 
 
-def _inflate(parts: Iterable[memoryview], expected: int) -> bytearray:
-    inflater, pixels = zlib.decompressobj(), bytearray()
+def _inflate(parts: Iterable[memoryview], expected: int) -> bytes:
+    stream = inflater()
     try:
-        for piece in _pieces(parts):
-            pixels += inflater.decompress(piece)
-            if len(pixels) > expected:
-                raise DamagedFile(
-                    f"the PNG holds more than the {expected} bytes of pixels its header promises"
-                )
-            if inflater.eof:  # the inflater would collect what follows, copying all of it each time
-                break
-    except zlib.error as error:
+        # At once, which takes few calls: one byte too many is all that a bomb can unfold.
+        pixels = stream.decompress(b"".join(parts), expected + 1)
+    except ERRORS as error:
         raise DamagedFile("the compressed pixels of the PNG are damaged") from error
-    if len(pixels) < expected or not inflater.eof:
+    if len(pixels) > expected:
+        raise DamagedFile(f"the PNG holds more than the {expected} bytes of pixels its header promises")
+    if len(pixels) < expected or not stream.eof:
         raise DamagedFile(f"the PNG holds {len(pixels)} bytes of pixels; its header promises {expected}")
     return pixels
 
 
-def _pieces(parts: Iterable[memoryview]) -> Iterator[memoryview]:
-    return (part[start : start + _PIECE] for part in parts for start in range(0, len(part), _PIECE))
-
-
 def _chunk(kind: bytes, body: Buffer) -> tuple[bytes, Buffer, bytes]:
-    return struct.pack(">I4s", len(body), kind), body, struct.pack(">I", zlib.crc32(body, zlib.crc32(kind)))
+    return struct.pack(">I4s", len(body), kind), body, struct.pack(">I", crc32(body, crc32(kind)))
 
 
 def _filtered_size(ihdr: _Ihdr) -> int:

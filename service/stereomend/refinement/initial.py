@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from stereomend.disparity import DisparityMap, FloatMap
+from stereomend.disparity import DisparityMap, FloatMap, Mask
 from stereomend.errors import InvalidParameter, NoValidDisparity
 from stereomend.opencv import cv2
 from stereomend.refinement.backends import Backend
@@ -28,9 +28,9 @@ def choose_initial(params: RefineParams, upload: DisparityMap | None) -> Initial
     return initial
 
 
-def uploaded(upload: DisparityMap) -> Sparse:
+def uploaded(upload: DisparityMap, mask: Mask | None = None) -> Sparse:
     """The upload's usable pixels, at input size (raises NoValidDisparity where there is none)."""
-    sparse = as_sparse(upload)
+    sparse = as_sparse(upload, mask)
     if not sparse.valid.any():
         raise NoValidDisparity(_why_none(upload))
     return sparse
@@ -39,6 +39,8 @@ def uploaded(upload: DisparityMap) -> Sparse:
 def _why_none(upload: DisparityMap) -> str:
     if not upload.valid.any():
         return "disparity has no finite value above 0"
+    if as_sparse(upload).valid.any():
+        return "disparity has no usable value where the mask shows the scene"
     smallest = float(upload.values[upload.valid].min())
     return (
         f"every disparity reaches beyond the image, the smallest is {smallest:g} px at a width of "
@@ -51,7 +53,7 @@ def match_semiglobally(scene: Scene, backend: Backend) -> Sparse:
     width = scene.size[1]
     searched = 16 * max(1, math.ceil(width * _SEARCHED_SHARE / 16))
     values = _sgbm(scene, searched) if width > searched + _BLOCK else np.zeros(scene.size, np.float32)
-    sparse = Sparse(backend.plane(values), values > 0)
+    sparse = Sparse(backend.plane(values), scene.shown(values > 0))
     if not sparse.valid.any():
         raise NoValidDisparity(
             f"no disparity was sent and matching found none at {width} x {scene.size[0]} px"

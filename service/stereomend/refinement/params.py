@@ -12,11 +12,12 @@ from typing import Any, Literal, NamedTuple, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
+from stereomend.disparity import Calibration
 from stereomend.errors import InvalidParameter
 
 Stage = Literal["ldr", "gdr"]
 Initial = Literal["upload", "sgbm", "zero"]
-Output = Literal["disparity", "confidence", "provenance", "input_confidence"]
+Output = Literal["disparity", "confidence", "provenance", "input_confidence", "depth_mm"]
 
 DEFAULT_PRESET = "paper"
 LEVELS_FROM_ZERO = 6
@@ -145,13 +146,51 @@ class RefineParams(_Params):
         gt=0,
         description="divisor of integer disparity maps [1/px]; default 256 for 16-bit PNG, else required",
     )
-    outputs: tuple[Output, ...] = Field(
-        ("disparity", "confidence", "provenance", "input_confidence"),
-        min_length=1,
-        description="the arrays of a zip result",
+    outputs: tuple[Output, ...] | None = Field(
+        None, min_length=1, description="the arrays of a zip result; default: all, depth_mm if calibrated"
+    )
+    focal_px: float | None = Field(
+        None, gt=0, le=1e6, description="f, focal length of the images as sent [px]; needs baseline_mm"
+    )
+    baseline_mm: float | None = Field(
+        None,
+        gt=0,
+        le=1e6,
+        description="B, distance of the cameras [mm]; needs focal_px; Z = f B / (d + doffs)",
+    )
+    cx: float | None = Field(
+        None, ge=-1e6, le=1e6, description="principal point's column [px]; default (width - 1) / 2"
+    )
+    cy: float | None = Field(
+        None, ge=-1e6, le=1e6, description="principal point's row [px]; default (height - 1) / 2"
+    )
+    doffs: float = Field(
+        0.0, ge=-1e6, le=1e6, description="cx of the right image minus cx of the left one [px]"
     )
     ldr: LdrParams = Field(default_factory=LdrParams, description="overrides of the preset's local stage")
     gdr: GdrParams = Field(default_factory=GdrParams, description="overrides of the preset's global stage")
+
+    @model_validator(mode="after")
+    def _calibrated_or_not(self) -> Self:
+        missing = [name for name in ("focal_px", "baseline_mm") if getattr(self, name) is None]
+        if len(missing) == 1:
+            raise ValueError(f"{missing[0]} is missing: focal_px and baseline_mm go together")
+        if missing and "depth_mm" in (self.outputs or ()):
+            raise ValueError("outputs: depth_mm needs focal_px and baseline_mm")
+        return self
+
+    @property
+    def calibrated(self) -> bool:
+        """Whether depth can be computed."""
+        return self.focal_px is not None
+
+    def calibration(self, size: tuple[int, int]) -> Calibration | None:
+        """What turns disparity into depth for images of `size` (height, width); None if not calibrated."""
+        if self.focal_px is None or self.baseline_mm is None:
+            return None
+        cx = (size[1] - 1) / 2 if self.cx is None else self.cx
+        cy = (size[0] - 1) / 2 if self.cy is None else self.cy
+        return Calibration(self.focal_px, self.baseline_mm, cx, cy, self.doffs)
 
 
 def parse_params(given: Mapping[str, Any] | None = None) -> RefineParams:

@@ -10,7 +10,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from stereomend.disparity import DisparityMap, Image, RefinementResult, StereoPair, check_same_size
+from stereomend.disparity import (
+    DisparityMap,
+    Image,
+    RefinementResult,
+    StereoPair,
+    as_mask,
+    check_same_size,
+)
 from stereomend.refinement.backends import Backend, Plane, Size, select_backend
 from stereomend.refinement.gdr import refine_globally
 from stereomend.refinement.initial import choose_initial, match_semiglobally, uploaded
@@ -29,11 +36,12 @@ from stereomend.refinement.scene import Scene, make_scene
 STAGES = ("initial", "ldr", "gdr")
 
 
-def refine(
+def refine(  # noqa: PLR0913 - the same names as `Client.refine`, and what computes
     left: Image,
     right: Image,
     disparity: npt.NDArray[Any] | None = None,
     *,
+    mask: npt.NDArray[Any] | None = None,
     backend: str = "auto",
     threads: int = 0,
     **params: Any,
@@ -44,6 +52,7 @@ def refine(
         left: uint8 or uint16, (H, W) or (H, W, 3) RGB, rectified.
         right: as `left`.
         disparity: (H, W) px, of the left image; not finite or <= 0 is unknown. None: matched by SGBM.
+        mask: bool or integers, (H, W); 0 is not part of the scene. None: all is.
         backend: `auto`, `native` or `reference`.
         threads: threads to compute with; 0 means one per core.
         **params: fields of `RefineParams`, such as `preset="released"` or `gdr={"warps": 10}`.
@@ -51,12 +60,13 @@ def refine(
     Raises:
         UnknownFormat: an array is of the wrong type.
         ShapeMismatch: heights or widths differ.
-        InvalidParameter: a parameter is unknown or out of range.
+        InvalidParameter: a parameter is unknown or out of range, or the mask 0 everywhere.
         NoValidDisparity: the map has no usable pixel.
         BackendUnavailable: the backend does not work on this machine.
     """
     upload = None if disparity is None else DisparityMap.from_array(disparity)
-    return run(StereoPair(left, right), upload, parse_params(params), select_backend(backend, threads))
+    pair = StereoPair(left, right, None if mask is None else as_mask(np.asarray(mask)))
+    return run(pair, upload, parse_params(params), select_backend(backend, threads))
 
 
 def run(
@@ -72,25 +82,30 @@ def run(
     timings = dict.fromkeys(STAGES, 0.0)
     scene = make_scene(pair, working_size(pair.shape, params.processing_scale), params.ldr, backend)
     with _timed(timings, "initial", kind == "sgbm"):
-        start = _start(kind, upload, scene, pair.shape, backend)
+        start = _start(kind, upload, scene, pair, backend)
     with _timed(timings, "ldr", "ldr" in params.stages and kind != "zero"):
         confidence, local = _local(start, scene, params, backend)
     refined = local.u
     with _timed(timings, "gdr", "gdr" in params.stages):
         if "gdr" in params.stages:
             refined = refine_globally(scene, local.u, params.gdr, backend)
-    return assemble(Trace(scene, start, confidence, local, refined), params, backend, timings)
+    return assemble(Trace(pair, scene, start, confidence, local, refined), params, backend, timings)
 
 
-def _start(kind: Initial, upload: DisparityMap | None, scene: Scene, size: Size, backend: Backend) -> Start:
+def _start(
+    kind: Initial, upload: DisparityMap | None, scene: Scene, pair: StereoPair, backend: Backend
+) -> Start:
+    size = pair.shape
     if kind == "sgbm":
         working = match_semiglobally(scene, backend)
         full = enlarge_disparity(working.u, size, backend)
         known = enlarge_mask(working.valid, size)
+        if pair.mask is not None:
+            known = known & pair.mask
         return Start(kind, Sparse(np.where(known, full, 0), known), working)
     if kind == "zero" or upload is None:
         return Start(kind, _nothing(size, backend), _nothing(scene.size, backend))
-    full_size = uploaded(upload)
+    full_size = uploaded(upload, pair.mask)
     return Start(kind, full_size, shrink_disparity(full_size, scene.size, backend))
 
 

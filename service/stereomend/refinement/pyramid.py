@@ -12,7 +12,8 @@ from stereomend.refinement.backends import Backend, Plane, Size
 SMALLEST_SIDE = 8
 """No level of a pyramid has a shorter side, in pixels, unless the finest has."""
 
-_HALF = 0.5 - 1e-6  # a share of one half survives rounding
+HALF = 0.5 - 1e-6
+"""A share of the area from here on is half or more of it; one half survives rounding."""
 
 
 class Sparse(NamedTuple):
@@ -42,7 +43,7 @@ def shrink_disparity(sparse: Sparse, size: Size, backend: Backend) -> Sparse:
     """Shrink by the area mean over valid pixels, times the width ratio; valid where half of the area is."""
     share = backend.shrink(backend.plane(sparse.valid), size)
     total = backend.shrink(backend.plane(np.where(sparse.valid, sparse.u, 0)), size)
-    valid = np.ascontiguousarray(share >= _HALF)
+    valid = np.ascontiguousarray(share >= HALF)
     ratio = size[1] / sparse.u.shape[1]
     u = np.divide(total, share, out=np.zeros_like(total), where=valid) * total.dtype.type(ratio)
     return Sparse(u, valid)
@@ -60,10 +61,14 @@ def enlarge_mask(mask: Mask, size: Size) -> Mask:
         ((np.arange(target) + 0.5) * source / target).astype(np.intp)
         for source, target in zip(mask.shape, size, strict=True)
     )
-    return mask[np.ix_(rows, columns)]
+    enlarged: Mask = mask.take(columns, axis=1).take(rows, axis=0)
+    return enlarged
 
 
-def as_sparse(disparity: DisparityMap) -> Sparse:
-    """An uploaded map; what reaches beyond the image width cannot be a match and counts as unknown."""
+def as_sparse(disparity: DisparityMap, mask: Mask | None = None) -> Sparse:
+    """An uploaded map without what is not part of the scene (`mask` false).
+
+    What reaches beyond the image width cannot be a match and counts as unknown.
+    """
     valid = disparity.valid & (disparity.values < disparity.shape[1])
-    return Sparse(disparity.values, valid)
+    return Sparse(disparity.values, valid if mask is None else valid & mask)

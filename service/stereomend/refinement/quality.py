@@ -20,6 +20,7 @@ _CLEARLY_BETTER = 0.75  # a residual this much smaller is no chance
 _FEW = 0.1  # a mean over fewer of the valid pixels says little
 _SCALES = (1 / 256, 1 / 16, 1 / 4, 1 / 2, 2, 4, 16, 256)
 _OFFSETS = (-4, -2, -1, 1, 2, 4)  # rows at working size
+_CACHED_ROWS = 32  # worked on together, so that what lies between the steps stays in the cache
 _BANDS = 8
 _BAND_ROWS = 8  # the outer two are described with rows of another band
 
@@ -30,6 +31,8 @@ class Origin(NamedTuple):
     initial: Sparse
     kept: Mask
     """Known, and not replaced by the local refinement."""
+    mask: Mask | None = None
+    """Part of the scene; None: all."""
 
 
 def unobserved(disparity: Plane) -> Mask:
@@ -37,6 +40,14 @@ def unobserved(disparity: Plane) -> Mask:
 
     Hidden: a pixel further right in the row lands at least 1 px left of this one's column there.
     """
+    found = np.empty(disparity.shape, np.bool_)
+    for top in range(0, disparity.shape[0], _CACHED_ROWS):
+        rows = slice(top, top + _CACHED_ROWS)
+        found[rows] = _unobserved(disparity[rows])
+    return found
+
+
+def _unobserved(disparity: Plane) -> Mask:
     width = disparity.shape[1]
     column = np.arange(width) - disparity
     nearest_left = np.minimum.accumulate(column[:, ::-1], axis=1)[:, ::-1]
@@ -49,43 +60,58 @@ def unobserved(disparity: Plane) -> Mask:
 def provenance_of(disparity: Plane, origin: Origin) -> npt.NDArray[np.uint8]:
     """Values of `Provenance` for a returned map, (H, W)."""
     moved = np.abs(disparity - origin.initial.u) > KEPT_WITHIN
-    provenance = np.where(moved, np.uint8(Provenance.REFINED), np.uint8(Provenance.KEPT))
-    provenance[~origin.kept] = Provenance.FILLED
-    provenance[unobserved(disparity)] = Provenance.UNOBSERVED
+    provenance = np.full(disparity.shape, Provenance.KEPT, np.uint8)
+    np.putmask(provenance, moved, np.uint8(Provenance.REFINED))
+    np.putmask(provenance, ~origin.kept, np.uint8(Provenance.FILLED))
+    np.putmask(provenance, unobserved(disparity), np.uint8(Provenance.UNOBSERVED))
+    if origin.mask is not None:
+        np.putmask(provenance, ~origin.mask, np.uint8(Provenance.UNOBSERVED))
     return provenance
 
 
 def shares_of(provenance: npt.NDArray[np.uint8]) -> dict[str, float]:
     """The share of each kind of pixel; they sum to 1."""
-    counts = np.bincount(provenance.ravel(), minlength=len(Provenance)) / provenance.size
-    return {kind.name.lower(): float(counts[kind]) for kind in Provenance}
+    counts = {kind: np.count_nonzero(provenance == np.uint8(kind)) for kind in Provenance}
+    return {kind.name.lower(): count / provenance.size for kind, count in counts.items()}
 
 
 def residual(scene: Scene, sparse: Sparse, backend: Backend) -> float | None:
     """Mean distance of the descriptors, 0 to 2, over valid observed pixels; None where these are few."""
-    seen = sparse.valid & ~unobserved(sparse.u)
-    if not seen.any() or seen.sum() < _FEW * sparse.valid.sum():
+    return _mean_distance(scene, sparse.u, _seen(sparse), backend)
+
+
+def _seen(sparse: Sparse) -> Mask | None:
+    """Valid observed pixels; None where these are few."""
+    seen: Mask = sparse.valid & ~unobserved(sparse.u)
+    count = np.count_nonzero(seen)
+    return seen if count and count >= _FEW * np.count_nonzero(sparse.valid) else None
+
+
+def _mean_distance(scene: Scene, u: Plane, seen: Mask | None, backend: Backend) -> float | None:
+    if seen is None:
         return None
-    return float(backend.distance(scene.left, scene.right, sparse.u)[seen].mean(dtype=np.float64))
+    return float(backend.distance(scene.left, scene.right, u)[seen].mean(dtype=np.float64))
 
 
 def warnings_of(scene: Scene, initial: Sparse, refined: Sparse, backend: Backend) -> Iterator[str]:
     """Name what looks wrong with the input: where another reading of it explains the pair clearly better."""
     rows = _sample_rows(scene.size[0])
-    scene_now, initial, refined = _rows_of(scene, rows), _only(initial, rows), _only(refined, rows)
-
-    def doubted(now: Sparse, others: Iterable[tuple[Scene, Sparse]]) -> bool:
-        residuals = [residual(*reading, backend) for reading in ((scene_now, now), *others)]
-        if residuals[0] is None:
-            return False
-        return min(other for other in residuals if other is not None) < _CLEARLY_BETTER * residuals[0]
-
-    if doubted(refined, ((_rows_of(scene, rows, offset), refined) for offset in _OFFSETS)):
+    initial, refined = _only(initial, rows), _only(refined, rows)
+    scene_now, seen = _rows_of(scene, rows), _seen(refined)
+    shifted = (_mean_distance(_rows_of(scene, rows, by), refined.u, seen, backend) for by in _OFFSETS)
+    if _doubted(_mean_distance(scene_now, refined.u, seen, backend), shifted):
         yield "not-rectified"
-    if doubted(initial, [(scene_now, Sparse(-initial.u, initial.valid))]):
+    now = residual(scene_now, initial, backend)
+    if _doubted(now, [residual(scene_now, Sparse(-initial.u, initial.valid), backend)]):
         yield "views-swapped"
-    if doubted(initial, ((scene_now, Sparse(initial.u * scale, initial.valid)) for scale in _SCALES)):
+    scaled = (Sparse(initial.u * scale, initial.valid) for scale in _SCALES)
+    if _doubted(now, (residual(scene_now, sparse, backend) for sparse in scaled)):
         yield "scale-suspect"
+
+
+def _doubted(now: float | None, others: Iterable[float | None]) -> bool:
+    """Whether one of the other readings leaves a clearly smaller residual; they are asked for one by one."""
+    return now is not None and any(other is not None and other < _CLEARLY_BETTER * now for other in others)
 
 
 def _sample_rows(height: int) -> npt.NDArray[np.intp]:

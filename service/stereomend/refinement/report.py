@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import asdict
+from functools import cache
 from importlib.metadata import version
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from stereomend.disparity import FloatMap, RefinementResult
+from stereomend.disparity import FloatMap, RefinementResult, StereoPair
 from stereomend.refinement.backends import Backend, Plane, Size
 from stereomend.refinement.ldr import Local, confidence_of
 from stereomend.refinement.params import Initial, RefineParams
@@ -28,6 +30,7 @@ class Start(NamedTuple):
 class Trace(NamedTuple):
     """What happened on the way, each plane (H, W) at working size."""
 
+    pair: StereoPair
     scene: Scene
     start: Start
     confidence: Plane
@@ -40,22 +43,33 @@ def assemble(
     trace: Trace, params: RefineParams, backend: Backend, timings: dict[str, float]
 ) -> RefinementResult:
     """Bring the outcome back to input size and describe it."""
-    initial = trace.start.full
-    size: Size = (initial.u.shape[0], initial.u.shape[1])
-    origin = Origin(initial, initial.valid & enlarge_mask(trace.local.inliers, size))
+    initial, pair = trace.start.full, trace.pair
+    origin = Origin(initial, initial.valid & enlarge_mask(trace.local.inliers, pair.shape), pair.mask)
     disparity = _at_input_size(trace, origin, params, backend)
-    refined = Sparse(trace.refined, trace.refined > 0)
+    refined = Sparse(trace.refined, trace.scene.shown(trace.refined > 0))
+    confidence = _enlarged(confidence_of(refined, trace.scene, params.ldr, backend), pair.shape, backend)
+    quality = _quality(trace, refined, params, backend)
     provenance = provenance_of(disparity, origin)
-    shares = {"valid_in": float(initial.valid.mean())} | shares_of(provenance)
+    shares = {"valid_in": np.count_nonzero(initial.valid) / initial.valid.size} | shares_of(provenance)
     return RefinementResult(
         disparity=disparity,
-        confidence=_enlarged(confidence_of(refined, trace.scene, params.ldr, backend), size, backend),
+        confidence=_of_the_scene(confidence, pair),
         provenance=provenance,
-        input_confidence=_enlarged(trace.confidence, size, backend) * initial.valid,
+        input_confidence=_enlarged(trace.confidence, pair.shape, backend) * initial.valid,
+        depth_mm=_depth(disparity, pair, params),
         timings=timings,
-        meta=_describe(trace, params, backend)
-        | {"quality": shares | _quality(trace, refined, params, backend)},
+        meta=_describe(trace, params, backend) | {"quality": shares | quality},
     )
+
+
+def _depth(disparity: FloatMap, pair: StereoPair, params: RefineParams) -> FloatMap | None:
+    calibration = params.calibration(pair.shape)
+    return None if calibration is None else _of_the_scene(calibration.depth_mm(disparity), pair)
+
+
+def _of_the_scene(values: FloatMap, pair: StereoPair) -> FloatMap:
+    """0 where the mask says that nothing of the scene is."""
+    return values if pair.mask is None else values * pair.mask
 
 
 def _at_input_size(trace: Trace, origin: Origin, params: RefineParams, backend: Backend) -> FloatMap:
@@ -73,14 +87,22 @@ def _enlarged(confidence: Plane, size: Size, backend: Backend) -> FloatMap:
 
 
 def _describe(trace: Trace, params: RefineParams, backend: Backend) -> dict[str, Any]:
-    return {
-        "version": version("stereomend"),
+    calibration = params.calibration(trace.pair.shape)
+    calibrated = {} if calibration is None else {"calibration": asdict(calibration)}
+    return calibrated | {
+        "version": _version(),
         "kernel": backend.kernel,
         "preset": params.preset,
         "backend": backend.name,
         "initial": trace.start.kind,
         "params": params.model_dump(mode="json"),
     }
+
+
+@cache
+def _version() -> str:
+    # Looked up in files.
+    return version("stereomend")
 
 
 def _quality(trace: Trace, refined: Sparse, params: RefineParams, backend: Backend) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import reduce
 from typing import NamedTuple
 
 import numpy as np
@@ -9,9 +10,12 @@ import numpy as np
 from stereomend.disparity import Image, Mask, StereoPair
 from stereomend.refinement.backends import Backend, Plane, Size
 from stereomend.refinement.params import LdrParams
+from stereomend.refinement.pyramid import HALF
 
 GREY_WEIGHTS = (0.299, 0.587, 0.114)
 """BT.601 luma of R, G, B."""
+
+_ROWS = 64
 
 BRIGHT = 215 / 255
 """HSV value above which a colourless pixel is a highlight when `specular` is "bright"."""
@@ -26,6 +30,12 @@ class Scene(NamedTuple):
     """No specular highlight, (H, W)."""
     coloured: bool
     """The left image has any colour at all."""
+    weight: Plane | None = None
+    """The share of each pixel that is part of the scene, (H, W), 0 to 1; None: all of each."""
+
+    def shown(self, pixels: Mask) -> Mask:
+        """Those of `pixels` (H, W) of which half or more is part of the scene."""
+        return pixels if self.weight is None else pixels & (self.weight >= HALF)
 
     @property
     def size(self) -> Size:
@@ -34,16 +44,25 @@ class Scene(NamedTuple):
 
 
 def make_scene(pair: StereoPair, size: Size, params: LdrParams, backend: Backend) -> Scene:
-    """Shrink both images to `size` and mask the highlights of the left one."""
+    """Shrink both images and the mask to `size` and find the highlights of the left one."""
     left = _shrunk(pair.left, size, backend)
     coloured = is_coloured(pair.left)
-    mask = matte_mask(left, coloured, params)
-    return Scene(grey(left), grey(_shrunk(pair.right, size, backend)), mask, coloured)
+    matte = matte_mask(left, coloured, params)
+    weight = None if pair.mask is None else backend.shrink(backend.plane(pair.mask), size)
+    return Scene(grey(left), grey(_shrunk(pair.right, size, backend)), matte, coloured, weight)
 
 
 def is_coloured(image: Image) -> bool:
     """Whether any pixel differs between the channels."""
-    return image.ndim == 3 and not bool((image == image[..., :1]).all())
+    if image.ndim == 2:
+        return False
+    # Coloured images show it in the first rows that are looked at.
+    return any(_rows_coloured(image[top : top + _ROWS]) for top in range(0, image.shape[0], _ROWS))
+
+
+def _rows_coloured(rows: Image) -> bool:
+    first = rows[..., 0]
+    return bool((rows[..., 1] != first).any() or (rows[..., 2] != first).any())
 
 
 def grey(image: Plane) -> Plane:
@@ -59,8 +78,9 @@ def matte_mask(image: Plane, coloured: bool, params: LdrParams) -> Mask:
 
     An image without any colour has saturation 0 everywhere, which tells nothing: there, brightness decides.
     """
-    channels = image if image.ndim == 3 else image[..., None]
-    value, lowest = channels.max(axis=2), channels.min(axis=2)
+    # Channel by channel: along the short last axis, NumPy's own extremes take thirty times as long.
+    channels = [image[..., k] for k in range(3)] if image.ndim == 3 else [image]
+    value, lowest = reduce(np.maximum, channels), reduce(np.minimum, channels)
     if params.specular == "off":
         return np.ones(value.shape, np.bool_)
     colourless: Mask = value - lowest <= params.min_saturation * value

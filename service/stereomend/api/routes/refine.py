@@ -14,7 +14,7 @@ from stereomend.api.openapi import REFINE_BODY, problems, refined
 from stereomend.api.state import ServiceOfRequest
 from stereomend.api.uploads import check_headers, read_params, read_parts
 from stereomend.api.waiting import unless_gone
-from stereomend.codec import MEDIA_TYPES, PREVIEW_TYPE
+from stereomend.codec import MEDIA_TYPES, PREVIEW_TYPE, check_calibrated
 from stereomend.jobs.task import TIMINGS, Answer, Task
 from stereomend.refinement import parse_params
 
@@ -50,7 +50,11 @@ async def refine(request: Request, service: ServiceOfRequest) -> Response:
 
 def _task(parts: Mapping[str, bytes], media_type: str, request_id: str) -> Task:
     params = parse_params(read_params(parts.get("params", b"{}")))
-    return Task(parts["left"], parts["right"], parts.get("disparity"), params, media_type, request_id)
+    check_calibrated(media_type, params.calibrated)
+    files = {name: parts.get(name) for name in ("disparity", "mask")}
+    return Task(
+        parts["left"], parts["right"], **files, params=params, media_type=media_type, request_id=request_id
+    )
 
 
 def _response(answer: Answer) -> Response:

@@ -1,0 +1,8 @@
+"""The SDK: refinements by a server, over HTTP. `Client` waits, `AsyncClient` is awaited."""
+
+from stereomend.client.aio import AsyncClient
+from stereomend.client.messages import File
+from stereomend.client.patience import ATTEMPTS, LONGEST_WAIT_S
+from stereomend.client.sync import Client
+
+__all__ = ["ATTEMPTS", "LONGEST_WAIT_S", "AsyncClient", "Client", "File"]
