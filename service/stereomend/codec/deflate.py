@@ -1,4 +1,4 @@
-"""Deflate as zlib writes and reads it, by ISA-L where it is there: three times as fast at the same size."""
+"""Deflate as zlib writes and reads it, by ISA-L where it is there: two to three times as fast, as small."""
 
 from __future__ import annotations
 
