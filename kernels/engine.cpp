@@ -43,6 +43,10 @@ constexpr int kPlanes = 6;
 // Levels below this number of pixels are faster on one thread than with any meeting [px].
 constexpr long kAlone = 3000;
 
+// From this number of pixels on several threads follow each other down the image; below, the state of each one's rows
+// stays in its core's cache, and rows that change hands cost more than the sweeps through memory they save [px].
+constexpr long kFollow = 300000;
+
 // Iterations that one member takes down the image together.
 int lap_length(const Level& level, const SolverParams& params, int crew) {
     const long in_cache = kCacheBytes / (kPlanes * static_cast<long>(sizeof(float)) * level.width);
@@ -90,7 +94,8 @@ void Engine::solve(const Level& unpadded, const SolverParams& params, float* u) 
     const std::lock_guard<std::mutex> lock(mutex_);
     const Level level = padded(unpadded);
     prepare(level, u);
-    const int crew = static_cast<long>(level.width) * level.height < kAlone ? 1 : team_.size();
+    const long pixels = static_cast<long>(level.width) * level.height;
+    const int crew = pixels < kAlone ? 1 : team_.size();
     const int laps = (params.iterations + lap_length(level, params, crew) - 1) / lap_length(level, params, crew);
     if (progress_.size() < static_cast<size_t>(laps)) progress_ = std::vector<Progress>(laps);
     const auto body = [&](int member) {
@@ -100,7 +105,8 @@ void Engine::solve(const Level& unpadded, const SolverParams& params, float* u) 
             for (int lap = member; lap < laps; lap += crew) progress_[lap].rows.store(0, std::memory_order_relaxed);
             sweeps_.linearise(level, state_, params, band(level.height, member, crew), own);
             if (crew > 1) team_.meet();
-            iterate(level, params, member, crew);
+            if (crew == 1 || pixels >= kFollow) wave(level, params, member, crew);
+            else sweep(level, params, member);
             if (crew > 1) team_.meet();
         }
     };
@@ -108,9 +114,21 @@ void Engine::solve(const Level& unpadded, const SolverParams& params, float* u) 
     else team_.run(std::ref(body));
 }
 
+// Each member keeps its rows; all meet between the steps.
+void Engine::sweep(const Level& level, const SolverParams& params, int member) {
+    const Rows rows = band(level.height, member, team_.size());
+    for (int iteration = 0; iteration < params.iterations; ++iteration) {
+        const float* extrapolated = iteration == 0 ? state_.u : state_.u_bar;
+        for (int y = rows.begin; y < rows.end; ++y) sweeps_.dual(level, state_, params, extrapolated, y);
+        team_.meet();
+        for (int y = rows.begin; y < rows.end; ++y) sweeps_.primal(level, state_, params, y);
+        team_.meet();
+    }
+}
+
 // Iteration k of row y needs only iteration k - 1 of row y + 1 and iteration k of row y - 1. So the iterations of a
 // lap go down the image as a diagonal of rows, in place, and laps follow each other a row behind.
-void Engine::iterate(const Level& level, const SolverParams& params, int member, int crew) {
+void Engine::wave(const Level& level, const SolverParams& params, int member, int crew) {
     const int length = lap_length(level, params, crew);
     const int laps = (params.iterations + length - 1) / length;
     for (int lap = member; lap < laps; lap += crew) {
@@ -121,8 +139,9 @@ void Engine::iterate(const Level& level, const SolverParams& params, int member,
                 wait_until([&] { return progress_[lap - 1].rows.load(std::memory_order_acquire) >= needed; });
             }
             for (int k = std::max(0, front - level.height + 1); k < std::min(count, front + 1); ++k) {
-                const bool first = lap == 0 && k == 0;
-                sweeps_.iterate(level, state_, params, first ? state_.u : state_.u_bar, front - k);
+                const float* extrapolated = lap == 0 && k == 0 ? state_.u : state_.u_bar;
+                sweeps_.dual(level, state_, params, extrapolated, front - k);
+                sweeps_.primal(level, state_, params, front - k);
             }
             const int done = front - count + 2;
             if (done > 0) progress_[lap].rows.store(done, std::memory_order_release);

@@ -40,7 +40,8 @@ private:
 
     Level padded(const Level& level);
     void prepare(const Level& level, float* u);
-    void iterate(const Level& level, const SolverParams& params, int member, int crew);
+    void sweep(const Level& level, const SolverParams& params, int member);
+    void wave(const Level& level, const SolverParams& params, int member, int crew);
 
     const Sweeps& sweeps_;
     std::mutex mutex_;

@@ -152,14 +152,15 @@ void linearise_row(const float* d1, const float* d2, int width, const float* u, 
 void linearise(const Level& level, const State& state, const SolverParams& params, Rows rows, float* scratch) {
     if (rows.begin >= rows.end) return;
     const float step = 2.0f * params.data_weight * params.tau;
-    const auto row_of = level.weight ? linearise_row<true> : linearise_row<false>;
+    const auto linearise_one = level.weight ? linearise_row<true> : linearise_row<false>;
     Descriptors descriptors(level, state.u, params.absolute, scratch);
     descriptors.start(rows.begin);
     for (int y = rows.begin; y < rows.end; ++y) {
         const long o = static_cast<long>(y) * level.width;
         const DataWeight weight{level.weight ? level.weight + o : nullptr, step};
         descriptors.describe(y);
-        row_of(descriptors.left, descriptors.right, level.width, state.u + o, weight, state.a + o, state.b + o);
+        linearise_one(descriptors.left, descriptors.right, level.width, state.u + o, weight, state.a + o,
+                      state.b + o);
     }
 }
 
@@ -193,13 +194,21 @@ void primal_top_row(const State& row, int width, float tau) {
     for (int x = 1; x < width; ++x) primal_pixel(row, x, row.p_x[x] - row.p_x[x - 1] + row.p_y[x], tau);
 }
 
-void iterate(const Level& level, const State& state, const SolverParams& params, const float* extrapolated, int y) {
+State row_of(const Level& level, const State& state, int y) {
     const long o = static_cast<long>(y) * level.width;
-    const State row{state.u + o, state.u_bar + o, state.p_x + o, state.p_y + o, state.a + o, state.b + o};
-    const float* u_bar = extrapolated + o;
+    return {state.u + o, state.u_bar + o, state.p_x + o, state.p_y + o, state.a + o, state.b + o};
+}
+
+void dual(const Level& level, const State& state, const SolverParams& params, const float* extrapolated, int y) {
+    const State row = row_of(level, state, y);
+    const float* u_bar = extrapolated + static_cast<long>(y) * level.width;
     const float* next = y + 1 < level.height ? u_bar + level.width : u_bar;
     const float shrink = 1.0f / (1.0f + params.sigma * params.huber_epsilon);
     dual_row(u_bar, next, level.width, params.sigma, shrink, row.p_x, row.p_y);
+}
+
+void primal(const Level& level, const State& state, const SolverParams& params, int y) {
+    const State row = row_of(level, state, y);
     if (y == 0) primal_top_row(row, level.width, params.tau);
     else primal_row(row, row.p_y - level.width, level.width, params.tau);
 }
@@ -227,6 +236,6 @@ void distance(const Level& level, const float* u, bool absolute, float* out, Row
 
 }  // namespace
 
-extern const Sweeps SWEEPS = {linearise, iterate, distance};
+extern const Sweeps SWEEPS = {linearise, dual, primal, distance};
 
 }  // namespace stereomend

@@ -41,10 +41,12 @@ constexpr size_t scratch_floats(int width) {
 struct Sweeps {
     // Warps the right image by u [in], describes both, writes a and b [out].
     void (*linearise)(const Level&, const State&, const SolverParams&, Rows, float* scratch);
-    // One primal-dual iteration of row y: reads rows y and y + 1 of the extrapolated plane (u in a warp's first
-    // iteration, else u_bar) as the iteration before left them, and p_y of row y - 1 as this one left it; updates p
-    // and u of row y [in/out] and writes its u_bar [out].
-    void (*iterate)(const Level&, const State&, const SolverParams&, const float* extrapolated, int y);
+    // Dual step of row y: reads rows y and y + 1 of the extrapolated plane (u in a warp's first iteration, else u_bar)
+    // as the iteration before left them; updates p of row y [in/out].
+    void (*dual)(const Level&, const State&, const SolverParams&, const float* extrapolated, int y);
+    // Primal step of row y: reads p_y of row y - 1 and p of row y as this iteration left them; updates u of row y
+    // [in/out] and writes its u_bar [out].
+    void (*primal)(const Level&, const State&, const SolverParams&, int y);
     // Writes the Euclidean distance of the descriptors at every pixel, 0 to 2 [out].
     void (*distance)(const Level&, const float* u, bool absolute, float* out, Rows, float* scratch);
 };

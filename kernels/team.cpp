@@ -1,10 +1,17 @@
 #include "team.hpp"
 
+#include <pthread.h>
+
+#include <algorithm>
 #include <system_error>
 
 namespace stereomend {
 
 Team::Team(int wanted) {
+    CPU_ZERO(&allowed_);
+    sched_getaffinity(0, sizeof allowed_, &allowed_);
+    for (int core = 0; core < CPU_SETSIZE; ++core)
+        if (CPU_ISSET(core, &allowed_)) cores_.push_back(core);
     others_.reserve(wanted > 1 ? wanted - 1 : 0);
     try {
         for (int member = 1; member < wanted; ++member) others_.emplace_back([this, member] { serve(member); });
@@ -22,7 +29,21 @@ Team::~Team() {
     for (std::thread& other : others_) other.join();
 }
 
+// Has each other thread wake on a core of its own. Left alone, the scheduler often wakes it on the caller's, and it
+// takes up to a tenth of a second until it moves away: longer than most jobs.
+void Team::spread() {
+    const size_t here = std::find(cores_.begin(), cores_.end(), sched_getcpu()) - cores_.begin();
+    if (here == cores_.size() || others_.size() >= cores_.size()) return;
+    for (size_t i = 0; i < others_.size(); ++i) {
+        cpu_set_t one;
+        CPU_ZERO(&one);
+        CPU_SET(cores_[(here + 1 + i) % cores_.size()], &one);
+        pthread_setaffinity_np(others_[i].native_handle(), sizeof one, &one);
+    }
+}
+
 void Team::run(const std::function<void(int)>& body) {
+    spread();
     busy_.store(size() - 1, std::memory_order_relaxed);
     {
         const std::lock_guard<std::mutex> lock(mutex_);
@@ -45,6 +66,8 @@ void Team::serve(int member) {
             done = job_;
             body = body_;
         }
+        // Awake on its core, it may move again if others need that one.
+        pthread_setaffinity_np(pthread_self(), sizeof allowed_, &allowed_);
         (*body)(member);
         busy_.fetch_sub(1, std::memory_order_release);
     }

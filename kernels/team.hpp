@@ -1,6 +1,8 @@
 // A few threads that stay, work on one job together, and meet inside it.
 #pragma once
 
+#include <sched.h>
+
 #include <atomic>
 #include <condition_variable>
 #include <functional>
@@ -64,7 +66,10 @@ public:
 
 private:
     void serve(int member);
+    void spread();
 
+    cpu_set_t allowed_;
+    std::vector<int> cores_;
     std::vector<std::thread> others_;
     Barrier barrier_;
     std::mutex mutex_;
