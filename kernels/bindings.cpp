@@ -32,7 +32,7 @@ template <class Array, class... Others>
 void check_same_shape(const Array& first, const Others&... others) {
     if (first.shape(0) == 0 || first.shape(1) == 0 || first.shape(0) > kMaxSide || first.shape(1) > kMaxSide)
         throw nb::value_error("a plane has no pixel, or a side over 1048576 px");
-    if (!((others.shape(0) == first.shape(0) && others.shape(1) == first.shape(1)) && ...))
+    if (!((others.shape(0) == first.shape(0) && others.shape(1) == first.shape(1)) && ... && true))
         throw nb::value_error("planes differ in shape");
 }
 
@@ -83,6 +83,14 @@ public:
         Output<float> out = new_plane<float>(left.shape(0), left.shape(1));
         nb::gil_scoped_release unlocked;
         engine_.distance(level, u.data(), absolute, out.data());
+        return out;
+    }
+
+    Output<bool> unobserved(const Plane& u) {
+        check_same_shape(u);
+        Output<bool> out = new_plane<bool>(u.shape(0), u.shape(1));
+        nb::gil_scoped_release unlocked;
+        engine_.unobserved(size_of(u), u.data(), out.data());
         return out;
     }
 
@@ -146,6 +154,7 @@ NB_MODULE(_native, m) {
              "weight"_a.noconvert().none(), "params"_a, "All warps of one level; returns the new u.")
         .def("distance", &PyEngine::distance, "left"_a.noconvert(), "right"_a.noconvert(), "u"_a.noconvert(),
              "absolute"_a, "The distance of the descriptors at every pixel.")
+        .def("unobserved", &PyEngine::unobserved, "u"_a.noconvert(), "What the right image does not show.")
         .def("confidence", &PyEngine::confidence, "left"_a.noconvert(), "right"_a.noconvert(), "u"_a.noconvert(),
              "valid"_a.noconvert(), "matte"_a.noconvert(), "params"_a, "C_f at every pixel.")
         .def("fill", &PyEngine::fill, "u"_a.noconvert(), "known"_a.noconvert(), "steps"_a, "passes"_a,

@@ -159,6 +159,18 @@ void Engine::distance(const Level& unpadded, const float* u, bool absolute, floa
     team_.run(std::ref(body));
 }
 
+void Engine::unobserved(Size size, const float* u, bool* out) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    const auto body = [&](int member) {
+        const Rows rows = band(size.height, member, team_.size());
+        for (int y = rows.begin; y < rows.end; ++y) {
+            const size_t o = static_cast<size_t>(y) * size.width;
+            ldr_.sweeps.unobserved_row(u + o, size.width, out + o);
+        }
+    };
+    team_.run(std::ref(body));
+}
+
 void Engine::confidence(const ConfidenceInput& input, const ConfidenceParams& params, float* out) {
     const std::lock_guard<std::mutex> lock(mutex_);
     stereomend::confidence(input, params, out, ldr_);

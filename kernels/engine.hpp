@@ -29,6 +29,9 @@ public:
     // Writes the distance of the descriptors at every pixel [out, (height, width)].
     void distance(const Level& level, const float* u, bool absolute, float* out);
 
+    // Writes which pixels the right image does not show [out, (height, width)]; see ldr_sweeps.hpp.
+    void unobserved(Size size, const float* u, bool* out);
+
     // See ldr.hpp.
     void confidence(const ConfidenceInput& input, const ConfidenceParams& params, float* out);
     void fill(const Holes& map, int steps, int passes);

@@ -159,8 +159,18 @@ bool fill_row(const float* const met[kDirections], int width, float* w) {
     return !(largest < kNone);
 }
 
+// In double, for x - u would lose digits of u.
+void unobserved_row(const float* u, int width, bool* out) {
+    double leftmost = static_cast<double>(kNone);
+    for (int x = width - 1; x >= 0; --x) {
+        const double column = x - static_cast<double>(u[x]);
+        out[x] = (column < 0.0) | (column > width - 1) | (leftmost <= column - 1.0);
+        leftmost = column < leftmost ? column : leftmost;
+    }
+}
+
 }  // namespace
 
-extern const LdrSweeps LDR_SWEEPS = {sum_along, confidence_row, look, look_along, fill_row};
+extern const LdrSweeps LDR_SWEEPS = {unobserved_row, sum_along, confidence_row, look, look_along, fill_row};
 
 }  // namespace stereomend

@@ -37,6 +37,9 @@ struct WindowSums {
 constexpr float kNone = __builtin_inff();
 
 struct LdrSweeps {
+    // Which pixels of a row of disparities [px] the right image does not show: their match lies outside of it, or a
+    // pixel further right lands at least 1 px left of it [out].
+    void (*unobserved_row)(const float* u, int width, bool* out);
     // Writes row y of the sums and counts [out].
     void (*sum_along)(const ConfidenceInput&, int radius, int y, const WindowSums&);
     // Writes row y of C_f [out] from the sums of the rows around it.

@@ -162,7 +162,7 @@ def test_the_log_has_one_line_per_request_and_no_names_of_files(serving, post, s
     with serving(log_format="json") as server:
         post(server, params=QUICK, headers={"X-Request-ID": "frame-18"})
         post(server, params=QUICK, left=b"nonsense", headers={"X-Request-ID": "frame-19"})
-        text = server.log.read_text()
+    text = server.log.read_text()
     lines = [json.loads(line) for line in text.splitlines()]
     found = [line for line in lines if line.get("request_id") in ("frame-18", "frame-19")]
     assert [(line["method"], line["path"], line["status"]) for line in found] == [

@@ -66,6 +66,8 @@ inline std::vector<float> run_all(stereomend::Engine& engine, const Scene& scene
     engine.fill({scene.size, filled, scene.flags()}, 20, 5);
     std::copy(filled, filled + pixels, solved);
     engine.solve(scene.level(), params, solved);
+    std::vector<uint8_t> unobserved(pixels);
+    engine.unobserved(scene.size, solved, reinterpret_cast<bool*>(unobserved.data()));
     engine.distance(scene.level(), solved, params.absolute, out.data() + 2 * pixels);
     engine.confidence({scene.size, scene.left.data(), scene.right.data(), solved, scene.flags(), scene.flags()},
                       {21, 20.0f, 2, 2.0f}, out.data() + 3 * pixels);

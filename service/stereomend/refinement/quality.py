@@ -20,7 +20,6 @@ _CLEARLY_BETTER = 0.75  # a residual this much smaller is no chance
 _FEW = 0.1  # a mean over fewer of the valid pixels says little
 _SCALES = (1 / 256, 1 / 16, 1 / 4, 1 / 2, 2, 4, 16, 256)
 _OFFSETS = (-4, -2, -1, 1, 2, 4)  # rows at working size
-_CACHED_ROWS = 32  # worked on together, so that what lies between the steps stays in the cache
 _BANDS = 8
 _BAND_ROWS = 8  # the outer two are described with rows of another band
 
@@ -35,35 +34,13 @@ class Origin(NamedTuple):
     """Part of the scene; None: all."""
 
 
-def unobserved(disparity: Plane) -> Mask:
-    """Pixels (H, W) not seen in the right image: outside of it, or hidden.
-
-    Hidden: a pixel further right in the row lands at least 1 px left of this one's column there.
-    """
-    found = np.empty(disparity.shape, np.bool_)
-    for top in range(0, disparity.shape[0], _CACHED_ROWS):
-        rows = slice(top, top + _CACHED_ROWS)
-        found[rows] = _unobserved(disparity[rows])
-    return found
-
-
-def _unobserved(disparity: Plane) -> Mask:
-    width = disparity.shape[1]
-    column = np.arange(width) - disparity
-    nearest_left = np.minimum.accumulate(column[:, ::-1], axis=1)[:, ::-1]
-    hidden = np.zeros(disparity.shape, np.bool_)
-    hidden[:, :-1] = nearest_left[:, 1:] <= column[:, :-1] - 1
-    result: Mask = hidden | (column < 0) | (column > width - 1)
-    return result
-
-
-def provenance_of(disparity: Plane, origin: Origin) -> npt.NDArray[np.uint8]:
+def provenance_of(disparity: Plane, origin: Origin, backend: Backend) -> npt.NDArray[np.uint8]:
     """Values of `Provenance` for a returned map, (H, W)."""
     moved = np.abs(disparity - origin.initial.u) > KEPT_WITHIN
     provenance = np.full(disparity.shape, Provenance.KEPT, np.uint8)
     np.putmask(provenance, moved, np.uint8(Provenance.REFINED))
     np.putmask(provenance, ~origin.kept, np.uint8(Provenance.FILLED))
-    np.putmask(provenance, unobserved(disparity), np.uint8(Provenance.UNOBSERVED))
+    np.putmask(provenance, backend.unobserved(disparity), np.uint8(Provenance.UNOBSERVED))
     if origin.mask is not None:
         np.putmask(provenance, ~origin.mask, np.uint8(Provenance.UNOBSERVED))
     return provenance
@@ -77,12 +54,12 @@ def shares_of(provenance: npt.NDArray[np.uint8]) -> dict[str, float]:
 
 def residual(scene: Scene, sparse: Sparse, backend: Backend) -> float | None:
     """Mean distance of the descriptors, 0 to 2, over valid observed pixels; None where these are few."""
-    return _mean_distance(scene, sparse.u, _seen(sparse), backend)
+    return _mean_distance(scene, sparse.u, _seen(sparse, backend), backend)
 
 
-def _seen(sparse: Sparse) -> Mask | None:
+def _seen(sparse: Sparse, backend: Backend) -> Mask | None:
     """Valid observed pixels; None where these are few."""
-    seen: Mask = sparse.valid & ~unobserved(sparse.u)
+    seen: Mask = sparse.valid & ~backend.unobserved(sparse.u)
     count = np.count_nonzero(seen)
     return seen if count and count >= _FEW * np.count_nonzero(sparse.valid) else None
 
@@ -97,7 +74,7 @@ def warnings_of(scene: Scene, initial: Sparse, refined: Sparse, backend: Backend
     """Name what looks wrong with the input: where another reading of it explains the pair clearly better."""
     rows = _sample_rows(scene.size[0])
     initial, refined = _only(initial, rows), _only(refined, rows)
-    scene_now, seen = _rows_of(scene, rows), _seen(refined)
+    scene_now, seen = _rows_of(scene, rows), _seen(refined, backend)
     shifted = (_mean_distance(_rows_of(scene, rows, by), refined.u, seen, backend) for by in _OFFSETS)
     if _doubted(_mean_distance(scene_now, refined.u, seen, backend), shifted):
         yield "not-rectified"

@@ -49,7 +49,7 @@ def assemble(
     refined = Sparse(trace.refined, trace.scene.shown(trace.refined > 0))
     confidence = _enlarged(confidence_of(refined, trace.scene, params.ldr, backend), pair.shape, backend)
     quality = _quality(trace, refined, params, backend)
-    provenance = provenance_of(disparity, origin)
+    provenance = provenance_of(disparity, origin, backend)
     shares = {"valid_in": np.count_nonzero(initial.valid) / initial.valid.size} | shares_of(provenance)
     return RefinementResult(
         disparity=disparity,

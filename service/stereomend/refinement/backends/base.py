@@ -71,3 +71,10 @@ class Backend(Protocol):
     def distance(self, left: Plane, right: Plane, u: Plane) -> Plane:
         """Euclidean distance between left and warped right signed descriptors, 0 to 2."""
         ...
+
+    def unobserved(self, u: Plane) -> Mask:
+        """Pixels (H, W) not seen in the right image: outside of it, or hidden.
+
+        Hidden: a pixel further right in the row lands at least 1 px left of this one's column there.
+        """
+        ...

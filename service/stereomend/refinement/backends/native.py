@@ -71,6 +71,10 @@ class NativeBackend:
         """See `Backend.distance`."""
         return self._engine.distance(self.plane(left), self.plane(right), self.plane(u), False)
 
+    def unobserved(self, u: Plane) -> Mask:
+        """See `Backend.unobserved`."""
+        return self._engine.unobserved(self.plane(u))
+
 
 def _resize(image: Plane, size: Size, interpolation: int) -> Plane:
     height, width = size

@@ -87,6 +87,16 @@ class ReferenceBackend:
         result: Array = np.sqrt(np.sum(difference**2, axis=0))
         return result
 
+    def unobserved(self, u: Plane) -> Mask:
+        """See `Backend.unobserved`."""
+        width = u.shape[1]
+        column = np.arange(width) - self.plane(u)
+        leftmost = np.minimum.accumulate(column[:, ::-1], axis=1)[:, ::-1]
+        hidden = np.zeros(u.shape, np.bool_)
+        hidden[:, :-1] = leftmost[:, 1:] <= column[:, :-1] - 1
+        unseen: Mask = hidden | (column < 0) | (column > width - 1)
+        return unseen
+
 
 def area_weights(source: int, target: int) -> Array:
     """Shares of `source` pixels in each of `target` larger ones, (target, source); rows sum to 1."""
