@@ -1,8 +1,10 @@
 from __future__ import annotations
 
+import gc
 import io
 import struct
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -243,3 +245,26 @@ def test_opencv_and_numpy_read_these_files_alike(random):
     np.testing.assert_array_equal(
         decode_image(file.getvalue(), "left", LIMIT), np.load(io.BytesIO(file.getvalue()))
     )
+
+
+@pytest.fixture
+def restless():
+    """Many garbage collections, each of which lets another thread in."""
+
+    def let_others_in(phase, info):
+        time.sleep(0)
+
+    before = gc.get_threshold()
+    gc.callbacks.append(let_others_in)
+    gc.set_threshold(5)
+    yield
+    gc.set_threshold(*before)
+    gc.callbacks.remove(let_others_in)
+
+
+def test_files_are_read_side_by_side_without_disturbing_each_other(restless):
+    stream = io.BytesIO()
+    np.save(stream, np.zeros((3, 4), np.uint8))
+    with ThreadPoolExecutor(8) as pool:
+        images = list(pool.map(lambda _: decode_image(stream.getvalue(), "left", 100), range(2000)))
+    assert all(image.shape == (3, 4) for image in images)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from math import prod
+from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,10 @@ from stereomend.errors import DamagedFile, UnknownFormat
 SIGNATURE = b"\x93NUMPY"
 
 _LONGEST_HEADER = 10_000
+
+# NumPy parses the header with `ast`, whose depth counter some Pythons share among threads: where a collection lets
+# another thread in, both fail with a SystemError.
+_parsing = Lock()
 
 
 def read_header(data: bytes) -> Header:
@@ -54,7 +59,8 @@ def _parse(data: bytes) -> tuple[tuple[int, ...], bool, np.dtype[Any], int]:
         version = npy.read_magic(file)
         # Version 3 differs from 2 only in how names of fields are encoded, and fields are refused.
         read = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
-        shape, fortran, dtype = read(file, max_header_size=_LONGEST_HEADER)
+        with _parsing:
+            shape, fortran, dtype = read(file, max_header_size=_LONGEST_HEADER)
     # literal_eval and dtype parsing raise many things on hostile headers.
     except Exception as error:
         raise DamagedFile("the NPY header is cut off or damaged") from error
