@@ -17,8 +17,8 @@ SIGNATURE = b"\x93NUMPY"
 
 _LONGEST_HEADER = 10_000
 
-# NumPy parses the header with `ast`, whose depth counter some Pythons share among threads: where a collection lets
-# another thread in, both fail with a SystemError.
+# NumPy parses the header with `ast`, whose depth counter some Pythons share among threads: where a garbage
+# collection lets another thread in, both fail with a SystemError.
 _parsing = Lock()
 
 
