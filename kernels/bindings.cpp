@@ -32,7 +32,7 @@ template <class Array, class... Others>
 void check_same_shape(const Array& first, const Others&... others) {
     if (first.shape(0) == 0 || first.shape(1) == 0 || first.shape(0) > kMaxSide || first.shape(1) > kMaxSide)
         throw nb::value_error("a plane has no pixel, or a side over 1048576 px");
-    if (!((others.shape(0) == first.shape(0) && others.shape(1) == first.shape(1)) && ... && true))
+    if (!((others.shape(0) == first.shape(0) && others.shape(1) == first.shape(1)) && ...))
         throw nb::value_error("planes differ in shape");
 }
 

@@ -54,6 +54,11 @@ int lap_length(const Level& level, const SolverParams& params, int crew) {
     return static_cast<int>(std::max(1L, std::min({fair, in_cache, level.height / (4L * crew)})));
 }
 
+Laps plan_laps(const Level& level, const SolverParams& params, int crew) {
+    const int length = lap_length(level, params, crew);
+    return {length, (params.iterations + length - 1) / length, crew};
+}
+
 }  // namespace
 
 std::vector<std::string> instruction_sets() {
@@ -96,16 +101,17 @@ void Engine::solve(const Level& unpadded, const SolverParams& params, float* u) 
     prepare(level, u);
     const long pixels = static_cast<long>(level.width) * level.height;
     const int crew = pixels < kAlone ? 1 : team_.size();
-    const int laps = (params.iterations + lap_length(level, params, crew) - 1) / lap_length(level, params, crew);
-    if (progress_.size() < static_cast<size_t>(laps)) progress_ = std::vector<Progress>(laps);
+    const Laps laps = plan_laps(level, params, crew);
+    if (progress_.size() < static_cast<size_t>(laps.count)) progress_ = std::vector<Progress>(laps.count);
     const auto body = [&](int member) {
         if (member >= crew) return;
         float* own = scratch_.data() + scratch_floats(level.width) * member;
         for (int warp = 0; warp < params.warps; ++warp) {
-            for (int lap = member; lap < laps; lap += crew) progress_[lap].rows.store(0, std::memory_order_relaxed);
+            for (int lap = member; lap < laps.count; lap += crew)
+                progress_[lap].rows.store(0, std::memory_order_relaxed);
             sweeps_.linearise(level, state_, params, band(level.height, member, crew), own);
             if (crew > 1) team_.meet();
-            if (crew == 1 || pixels >= kFollow) wave(level, params, member, crew);
+            if (crew == 1 || pixels >= kFollow) wave(level, params, laps, member);
             else sweep(level, params, member);
             if (crew > 1) team_.meet();
         }
@@ -128,11 +134,9 @@ void Engine::sweep(const Level& level, const SolverParams& params, int member) {
 
 // Iteration k of row y needs only iteration k - 1 of row y + 1 and iteration k of row y - 1. So the iterations of a
 // lap go down the image as a diagonal of rows, in place, and laps follow each other a row behind.
-void Engine::wave(const Level& level, const SolverParams& params, int member, int crew) {
-    const int length = lap_length(level, params, crew);
-    const int laps = (params.iterations + length - 1) / length;
-    for (int lap = member; lap < laps; lap += crew) {
-        const int count = std::min(length, params.iterations - lap * length);
+void Engine::wave(const Level& level, const SolverParams& params, const Laps& laps, int member) {
+    for (int lap = member; lap < laps.count; lap += laps.crew) {
+        const int count = std::min(laps.length, params.iterations - lap * laps.length);
         for (int front = 0; front < level.height + count - 1; ++front) {
             if (lap > 0 && front < level.height) {
                 const int needed = std::min(front + 2, level.height);

@@ -15,6 +15,13 @@ namespace stereomend {
 // Names of the instruction sets this machine can run, best first.
 std::vector<std::string> instruction_sets();
 
+// How the iterations of a warp are shared out: `count` laps of up to `length` iterations, in turn among `crew` members.
+struct Laps {
+    int length;
+    int count;
+    int crew;
+};
+
 // One call at a time; calls from several threads wait for each other. Results are bitwise equal for any number of
 // threads. Buffers grow to the largest image seen: nothing is allocated inside a solve.
 class Engine {
@@ -44,7 +51,7 @@ private:
     Level padded(const Level& level);
     void prepare(const Level& level, float* u);
     void sweep(const Level& level, const SolverParams& params, int member);
-    void wave(const Level& level, const SolverParams& params, int member, int crew);
+    void wave(const Level& level, const SolverParams& params, const Laps& laps, int member);
 
     const Sweeps& sweeps_;
     std::mutex mutex_;

@@ -272,14 +272,14 @@ def _size(text: str) -> tuple[int, int]:
 
 def _phantom(options: argparse.Namespace) -> int:
     from stereomend.demo import write_phantom
-    from stereomend.phantom import make_phantom
+    from stereomend.phantom import break_disparity, make_phantom
 
     for seed in range(options.seed, options.seed + options.count):
         phantom = make_phantom(
             seed, *options.size, max_disparity=options.max_disparity, instrument=options.instrument
         )
         folder = options.output / f"phantom_{seed:04d}"
-        write_phantom(folder, phantom, seed)
+        write_phantom(folder, phantom, break_disparity(phantom, seed).values)
         print(folder)
     return 0
 

@@ -73,7 +73,7 @@ def run_demo(folder: Path) -> Path:
             result = client.refine(phantom.pair.left, phantom.pair.right, upload, **params)
             _print_errors(name, errors_of(result.disparity, phantom.truth))
     print("\nmilliseconds of the last one: " + ", ".join(f"{k} {v:.1f}" for k, v in result.timings.items()))
-    write_phantom(folder, phantom, SEED)
+    write_phantom(folder, phantom, upload)
     overview = _draw(folder, phantom, upload, result)
     print(f"pictures: {overview}")
     return overview
@@ -86,7 +86,7 @@ def _print_errors(name: str, errors: Errors) -> None:
     )
 
 
-def write_phantom(folder: Path, phantom: Phantom, seed: int) -> None:
+def write_phantom(folder: Path, phantom: Phantom, network: FloatMap) -> None:
     """Write a phantom's pair, truth, masks, broken map and calibration into `folder` (raises OSError)."""
     folder.mkdir(parents=True, exist_ok=True)
     _write(folder / "left.png", phantom.pair.left)
@@ -94,7 +94,7 @@ def write_phantom(folder: Path, phantom: Phantom, seed: int) -> None:
     _write(folder / "occluded.png", phantom.occluded.astype(np.uint8) * 255)
     _write(folder / "instrument.png", phantom.instrument.astype(np.uint8) * 255)
     _write(folder / "truth.png", _sixteen_bit(phantom.truth))
-    _write(folder / "network.png", _sixteen_bit(break_disparity(phantom, seed).values))
+    _write(folder / "network.png", _sixteen_bit(network))
     calibration = {"focal_px": phantom.focal_px, "baseline_mm": phantom.baseline_mm}
     (folder / "calibration.json").write_text(json.dumps(calibration, indent=1) + "\n")
 

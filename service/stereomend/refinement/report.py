@@ -73,13 +73,9 @@ def _of_the_scene(values: FloatMap, pair: StereoPair) -> FloatMap:
 
 
 def _at_input_size(trace: Trace, origin: Origin, params: RefineParams, backend: Backend) -> FloatMap:
-    enlarged = np.maximum(enlarge_disparity(trace.refined, _size(origin.kept), backend), 0)
+    enlarged = np.maximum(enlarge_disparity(trace.refined, trace.pair.shape, backend), 0)
     disparity = enlarged.astype(np.float32, copy=False)
     return disparity if "gdr" in params.stages else np.where(origin.kept, origin.initial.u, disparity)
-
-
-def _size(plane: np.ndarray[Any, Any]) -> Size:
-    return plane.shape[0], plane.shape[1]
 
 
 def _enlarged(confidence: Plane, size: Size, backend: Backend) -> FloatMap:
