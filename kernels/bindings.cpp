@@ -2,6 +2,7 @@
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/optional.h>
+#include <nanobind/stl/pair.h>
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
 
@@ -10,6 +11,7 @@
 
 #include "ceilings.hpp"
 #include "engine.hpp"
+#include "png_rows.hpp"
 
 namespace nb = nanobind;
 using namespace nb::literals;
@@ -23,6 +25,7 @@ namespace {
 
 using Plane = nb::ndarray<const float, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
 using Flags = nb::ndarray<const bool, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
+using Bytes = nb::ndarray<const uint8_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 template <class T>
 using Output = nb::ndarray<nb::numpy, T, nb::ndim<2>>;
 
@@ -77,13 +80,13 @@ public:
         return out;
     }
 
-    Output<float> distance(const Plane& left, const Plane& right, const Plane& u, bool absolute) {
-        check_same_shape(left, right, u);
+    // The mean, 0 of nothing, and of how many pixels.
+    std::pair<double, long> mismatch(const Plane& left, const Plane& right, const Plane& u, const Flags& valid) {
+        check_same_shape(left, right, u, valid);
         const Level level = level_of(left, right, nullptr);
-        Output<float> out = new_plane<float>(left.shape(0), left.shape(1));
         nb::gil_scoped_release unlocked;
-        engine_.distance(level, u.data(), absolute, out.data());
-        return out;
+        const stereomend::Mismatch found = engine_.mismatch(level, u.data(), valid.data());
+        return {found.count > 0 ? found.sum / static_cast<double>(found.count) : 0.0, found.count};
     }
 
     Output<bool> unobserved(const Plane& u) {
@@ -126,6 +129,23 @@ private:
     stereomend::Engine engine_;
 };
 
+// The samples (height, stride) of filtered rows; see png_rows.hpp.
+Output<uint8_t> unfilter(const Bytes& filtered, size_t height, size_t stride, size_t bytes_per_pixel) {
+    constexpr size_t kBytesPerPixel[] = {1, 2, 3, 4, 6, 8};
+    const size_t* end = std::end(kBytesPerPixel);
+    if (std::find(std::begin(kBytesPerPixel), end, bytes_per_pixel) == end || stride % bytes_per_pixel != 0)
+        throw nb::value_error("bytes_per_pixel: expected 1, 2, 3, 4, 6 or 8, and rows of whole pixels");
+    if (height < 1 || height > kMaxSide || stride < 1 || stride > kMaxSide * bytes_per_pixel)
+        throw nb::value_error("a picture has no pixel, or a side over 1048576 px");
+    if (filtered.size() != height * (1 + stride))
+        throw nb::value_error("filtered: expected height rows of 1 + stride bytes");
+    Output<uint8_t> out = new_plane<uint8_t>(height, stride);
+    nb::gil_scoped_release unlocked;
+    if (!stereomend::unfilter({height, stride, bytes_per_pixel}, filtered.data(), out.data()))
+        throw std::invalid_argument("filtered: a row has a filter that PNG does not define");
+    return out;
+}
+
 double measure(double (*rate)(int), int threads) {
     check_threads(threads);
     nb::gil_scoped_release unlocked;
@@ -142,6 +162,8 @@ NB_MODULE(_native, m) {
           "Memory traffic of a = b + s * c [GB/s].");
     m.def("multiply_add", [](int threads) { return measure(stereomend::multiply_add, threads); }, "threads"_a,
           "float32 multiply-adds of all threads together [GFlop/s].");
+    m.def("unfilter", &unfilter, "filtered"_a.noconvert(), "height"_a, "stride"_a, "bytes_per_pixel"_a,
+          "The bytes of a PNG's samples, (height, stride), from height rows of 1 + stride filtered ones.");
     nb::class_<SolverParams>(m, "SolverParams", "data_weight, huber_epsilon, tau, sigma, warps, iterations, absolute.")
         .def(nb::init<float, float, float, float, int, int, bool>(), nb::kw_only(), "data_weight"_a,
              "huber_epsilon"_a, "tau"_a, "sigma"_a, "warps"_a, "iterations"_a, "absolute"_a);
@@ -152,8 +174,8 @@ NB_MODULE(_native, m) {
         .def(nb::init<int, const std::string&>(), "threads"_a, "instruction_set"_a = "")
         .def("solve", &PyEngine::solve, "left"_a.noconvert(), "right"_a.noconvert(), "u"_a.noconvert(),
              "weight"_a.noconvert().none(), "params"_a, "All warps of one level; returns the new u.")
-        .def("distance", &PyEngine::distance, "left"_a.noconvert(), "right"_a.noconvert(), "u"_a.noconvert(),
-             "absolute"_a, "The distance of the descriptors at every pixel.")
+        .def("mismatch", &PyEngine::mismatch, "left"_a.noconvert(), "right"_a.noconvert(), "u"_a.noconvert(),
+             "valid"_a.noconvert(), "Mean distance of the descriptors over valid observed pixels, and their number.")
         .def("unobserved", &PyEngine::unobserved, "u"_a.noconvert(), "What the right image does not show.")
         .def("confidence", &PyEngine::confidence, "left"_a.noconvert(), "right"_a.noconvert(), "u"_a.noconvert(),
              "valid"_a.noconvert(), "matte"_a.noconvert(), "params"_a, "C_f at every pixel.")

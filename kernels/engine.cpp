@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <functional>
+#include <numeric>
 #include <stdexcept>
 
 namespace stereomend {
@@ -153,14 +154,35 @@ void Engine::wave(const Level& level, const SolverParams& params, const Laps& la
     }
 }
 
-void Engine::distance(const Level& unpadded, const float* u, bool absolute, float* out) {
+Mismatch Engine::mismatch(const Level& unpadded, const float* u, const bool* valid) {
     const std::lock_guard<std::mutex> lock(mutex_);
     const Level level = padded(unpadded);
+    const size_t pixels = static_cast<size_t>(level.width) * level.height;
+    seen_.resize(std::max(seen_.size(), pixels));
+    sums_.assign(level.height, 0.0);
+    std::atomic<long> count{0};
     const auto body = [&](int member) {
+        const Rows rows = band(level.height, member, team_.size());
+        for (int y = rows.begin; y < rows.end; ++y) count += see(level, u, valid, y);
         float* own = scratch_.data() + scratch_floats(level.width) * member;
-        sweeps_.distance(level, u, absolute, out, band(level.height, member, team_.size()), own);
+        sweeps_.distance(level, u, seen(), rows, own, sums_.data());
     };
     team_.run(std::ref(body));
+    // In the order of the rows, whoever summed them.
+    return {std::accumulate(sums_.begin(), sums_.end(), 0.0), count};
+}
+
+// Finds the pixels of row y that are valid and that the right image shows; returns their number.
+long Engine::see(const Level& level, const float* u, const bool* valid, int y) {
+    const size_t o = static_cast<size_t>(y) * level.width;
+    bool* seen = this->seen() + o;
+    ldr_.sweeps.unobserved_row(u + o, level.width, seen);
+    long count = 0;
+    for (int x = 0; x < level.width; ++x) {
+        seen[x] = valid[o + x] & !seen[x];
+        count += seen[x];
+    }
+    return count;
 }
 
 void Engine::unobserved(Size size, const float* u, bool* out) {

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <atomic>
+#include <cstdint>
 #include <mutex>
 #include <string>
 #include <vector>
@@ -22,6 +23,12 @@ struct Laps {
     int crew;
 };
 
+// Sum of the distances of descriptors, each 0 to 2, and their number.
+struct Mismatch {
+    double sum;
+    long count;
+};
+
 // One call at a time; calls from several threads wait for each other. Results are bitwise equal for any number of
 // threads. Buffers grow to the largest image seen: nothing is allocated inside a solve.
 class Engine {
@@ -33,8 +40,9 @@ public:
     // The level's right image comes without padding, here and below.
     void solve(const Level& level, const SolverParams& params, float* u);
 
-    // Writes the distance of the descriptors at every pixel [out, (height, width)].
-    void distance(const Level& level, const float* u, bool absolute, float* out);
+    // How far the signed descriptors of both images are from each other, u being the disparity, over the pixels that
+    // are valid (height, width) and that the right image shows.
+    Mismatch mismatch(const Level& level, const float* u, const bool* valid);
 
     // Writes which pixels the right image does not show [out, (height, width)]; see ldr_sweeps.hpp.
     void unobserved(Size size, const float* u, bool* out);
@@ -49,6 +57,8 @@ private:
     };
 
     Level padded(const Level& level);
+    bool* seen() { return reinterpret_cast<bool*>(seen_.data()); }
+    long see(const Level& level, const float* u, const bool* valid, int y);
     void prepare(const Level& level, float* u);
     void sweep(const Level& level, const SolverParams& params, int member);
     void wave(const Level& level, const SolverParams& params, const Laps& laps, int member);
@@ -60,6 +70,8 @@ private:
     std::vector<float> right_;    // the right image with its rows' ends repeated
     std::vector<float> scratch_;  // of each member
     std::vector<Progress> progress_;
+    std::vector<uint8_t> seen_;   // bools, (height, width)
+    std::vector<double> sums_;    // of each row
     LdrBuffers ldr_buffers_;
     Crew ldr_;
     State state_{};

@@ -213,24 +213,41 @@ void primal(const Level& level, const State& state, const SolverParams& params, 
     else primal_row(row, row.p_y - level.width, level.width, params.tau);
 }
 
-void distance_row(const float* d1, const float* d2, int width, float* out) {
+// Distances of the descriptors, 0 where `seen` is false.
+void distance_row(const float* d1, const float* d2, const bool* seen, int width, float* out) {
+    const int stride = width + 2;
+#pragma GCC ivdep
     for (int x = 0; x < width; ++x) {
         float square = 0.0f;
         for (int k = 0; k < kNeighbours; ++k) {
-            const float difference = d2[k * (width + 2) + x] - d1[k * (width + 2) + x];
+            const float difference = d2[k * stride + x] - d1[k * stride + x];
             square += difference * difference;
         }
         out[x] = sqrtf(square);
     }
+#pragma GCC ivdep
+    for (int x = 0; x < width; ++x) out[x] = seen[x] ? out[x] : 0.0f;
 }
 
-void distance(const Level& level, const float* u, bool absolute, float* out, Rows rows, float* scratch) {
+// In four parts, so that no addition waits for the one before.
+double sum_row(const float* values, int width) {
+    double sums[4] = {};
+    int x = 0;
+    for (; x + 4 <= width; x += 4)
+        for (int k = 0; k < 4; ++k) sums[k] += static_cast<double>(values[x + k]);
+    for (; x < width; ++x) sums[0] += static_cast<double>(values[x]);
+    return (sums[0] + sums[1]) + (sums[2] + sums[3]);
+}
+
+void distance(const Level& level, const float* u, const bool* seen, Rows rows, float* scratch, double* sums) {
     if (rows.begin >= rows.end) return;
-    Descriptors descriptors(level, u, absolute, scratch);
+    Descriptors descriptors(level, u, false, scratch);
     descriptors.start(rows.begin);
     for (int y = rows.begin; y < rows.end; ++y) {
         descriptors.describe(y);
-        distance_row(descriptors.left, descriptors.right, level.width, out + static_cast<long>(y) * level.width);
+        float* row = descriptors.left;  // its first descriptor is not needed any more
+        distance_row(descriptors.left, descriptors.right, seen + static_cast<long>(y) * level.width, level.width, row);
+        sums[y] = sum_row(row, level.width);
     }
 }
 

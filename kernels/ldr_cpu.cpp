@@ -164,8 +164,10 @@ void unobserved_row(const float* u, int width, bool* out) {
     double leftmost = static_cast<double>(kNone);
     for (int x = width - 1; x >= 0; --x) {
         const double column = x - static_cast<double>(u[x]);
-        out[x] = (column < 0.0) | (column > width - 1) | (leftmost <= column - 1.0);
-        leftmost = column < leftmost ? column : leftmost;
+        // Taken before the comparison, or the compiler would not see the minimum that it is.
+        const double nearer = leftmost;
+        leftmost = column < nearer ? column : nearer;
+        out[x] = (column < 0.0) | (column > width - 1) | (nearer <= column - 1.0);
     }
 }
 

@@ -47,8 +47,9 @@ struct Sweeps {
     // Primal step of row y: reads p_y of row y - 1 and p of row y as this iteration left them; updates u of row y
     // [in/out] and writes its u_bar [out].
     void (*primal)(const Level&, const State&, const SolverParams&, int y);
-    // Writes the Euclidean distance of the descriptors at every pixel, 0 to 2 [out].
-    void (*distance)(const Level&, const float* u, bool absolute, float* out, Rows, float* scratch);
+    // Writes for each of the rows the sum of the Euclidean distances of the signed descriptors, each 0 to 2, over the
+    // pixels that are `seen` (height, width) [out, (height)].
+    void (*distance)(const Level&, const float* u, const bool* seen, Rows, float* scratch, double* sums);
 };
 
 extern const Sweeps sweeps_v2;

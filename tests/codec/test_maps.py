@@ -145,7 +145,7 @@ def test_what_decoders_raise_unforeseen_becomes_a_damaged_file(png, monkeypatch)
     monkeypatch.setattr(cv2, "imdecode", broken)
     kept = False
     with pytest.raises(DamagedFile, match=r"^left: cannot be decoded \(ZeroDivisionError\)$"):
-        decode_image(png(np.ones((2, 2))), "left", LIMIT)
+        decode_image(png(np.ones((2, 2)), 1), "left", LIMIT)
     kept = True
     with pytest.raises(ShapeMismatch, match=r"^left: kept$"):
-        decode_image(png(np.ones((2, 2))), "left", LIMIT)
+        decode_image(png(np.ones((2, 2)), 1), "left", LIMIT)

@@ -1,12 +1,15 @@
 """`perform`: from files to an answer, in this process."""
 
 import io
+from concurrent.futures import ThreadPoolExecutor
+from multiprocessing import Pipe
 
 import numpy as np
 import pytest
 
 from stereomend.errors import ShapeMismatch
 from stereomend.jobs.task import TIMINGS, Task, perform
+from stereomend.jobs.worker import receive_task, send_task
 from stereomend.refinement import parse_params, refine, select_backend
 
 
@@ -42,3 +45,19 @@ def test_both_shapes_are_named_when_they_differ(scene, as_npy, backend):
 def test_the_size_of_a_task_is_that_of_its_files(quick, scene):
     assert quick.size == sum(map(len, scene.files.values()))
     assert Task(b"12", b"345", None, quick.params, quick.media_type).size == 5
+
+
+@pytest.mark.parametrize(
+    "files", [{}, {"disparity": b""}, {"mask": bytes(300_000)}, {"disparity": b"d", "mask": b"m"}]
+)
+def test_a_task_reaches_a_worker_as_it_was_sent(files):
+    task = Task(
+        **{"left": b"l", "right": bytes(5), "disparity": None} | files,
+        params=parse_params(),
+        media_type="a/b",
+    )
+    ours, theirs = Pipe()
+    with ours, theirs, ThreadPoolExecutor(1) as pool:
+        sending = pool.submit(send_task, ours, task)
+        assert receive_task(theirs) == task
+        sending.result()

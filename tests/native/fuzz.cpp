@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <cstring>
 
+#include "../../kernels/png_rows.hpp"
 #include "scenes.hpp"
 
 namespace {
@@ -30,6 +31,17 @@ private:
     size_t left_;
 };
 
+// Rows with any bytes, in memory of exactly their size.
+void unfilter_any(Bytes& bytes) {
+    constexpr size_t kBytesPerPixel[] = {1, 2, 3, 4, 6, 8};
+    const size_t pixel = kBytesPerPixel[bytes.upto(5)];
+    const stereomend::PngRows rows{1u + bytes.upto(kLargestSide), pixel * (1u + bytes.upto(kLargestSide)), pixel};
+    std::vector<uint8_t> filtered(rows.height * (1 + rows.stride)), out(rows.height * rows.stride);
+    for (uint8_t& byte : filtered) byte = bytes.next<uint8_t>();
+    for (size_t y = 0; y < rows.height; ++y) filtered[y * (1 + rows.stride)] %= 6;  // five filters, and none
+    stereomend::unfilter(rows, filtered.data(), out.data());
+}
+
 }  // namespace
 
 extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
@@ -43,6 +55,7 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
         for (float& value : *plane)
             if (bytes.upto(7) == 0) value = bytes.next<float>();
     for (uint8_t& flag : scene.known) flag = bytes.upto(1);
+    unfilter_any(bytes);
     run_all(engine, scene, params);
     return 0;
 }

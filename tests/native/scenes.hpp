@@ -55,11 +55,11 @@ inline Scene read_scene(const std::string& path) {
     return scene;
 }
 
-// All four outputs of the kernels, one after the other.
+// All outputs of the kernels, one after the other.
 inline std::vector<float> run_all(stereomend::Engine& engine, const Scene& scene,
                                   const stereomend::SolverParams& params) {
     const size_t pixels = scene.u.size();
-    std::vector<float> out(4 * pixels);
+    std::vector<float> out(3 * pixels + 1);
     float* solved = out.data();
     float* filled = solved + pixels;
     std::copy(scene.u.begin(), scene.u.end(), filled);
@@ -68,8 +68,8 @@ inline std::vector<float> run_all(stereomend::Engine& engine, const Scene& scene
     engine.solve(scene.level(), params, solved);
     std::vector<uint8_t> unobserved(pixels);
     engine.unobserved(scene.size, solved, reinterpret_cast<bool*>(unobserved.data()));
-    engine.distance(scene.level(), solved, params.absolute, out.data() + 2 * pixels);
+    out.back() = static_cast<float>(engine.mismatch(scene.level(), solved, scene.flags()).sum);
     engine.confidence({scene.size, scene.left.data(), scene.right.data(), solved, scene.flags(), scene.flags()},
-                      {21, 20.0f, 2, 2.0f}, out.data() + 3 * pixels);
+                      {21, 20.0f, 2, 2.0f}, out.data() + 2 * pixels);
     return out;
 }

@@ -19,6 +19,7 @@ import uvicorn
 from stereomend.api.app import create_app, running
 from stereomend.errors import ConfigurationError, NotReady
 from stereomend.jobs.logs import configure_logging
+from stereomend.jobs.memory import keep_freed_memory
 from stereomend.jobs.supervisor import GRACE_S, Supervisor
 from stereomend.settings import Settings
 
@@ -34,6 +35,7 @@ def serve(settings: Settings) -> None:
         ConfigurationError: the address cannot be listened on, or no worker can start as told.
     """
     configure_logging(settings.log_format)
+    keep_freed_memory()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, _end)
     with _listening(settings) as listener:

@@ -1,4 +1,4 @@
-"""PNG: the container is checked and inflated here, within bounds; OpenCV undoes filters and interlacing."""
+"""PNG: its container is checked and inflated here, within bounds; OpenCV does palettes and interlacing."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from stereomend import _native
 from stereomend.codec.deflate import ERRORS, Buffer, crc32, deflated, inflater
 from stereomend.codec.headers import Header, Pixels
 from stereomend.errors import DamagedFile, UnknownFormat
@@ -83,26 +84,39 @@ def write_png16(levels: npt.NDArray[np.uint16]) -> bytes:
 
 
 def _decode(data: bytes, ihdr: _Ihdr) -> Pixels:
-    plain = _rebuilt(data, ihdr)
-    image = cv2.imdecode(np.frombuffer(plain, np.uint8), cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR)
+    chunks = list(_critical_chunks(data))
+    filtered = _inflate((body for kind, body in chunks if kind == b"IDAT"), _filtered_size(ihdr))
+    if ihdr.interlace or ihdr.colour == _PALETTE or ihdr.depth < 8:
+        palette = [part for kind, body in chunks if kind == b"PLTE" for part in _chunk(kind, body)]
+        return _by_opencv(b"".join((data[:_HEADER_END], *palette)), filtered, ihdr)
+    return _unfiltered(filtered, ihdr)
+
+
+def _unfiltered(filtered: bytes, ihdr: _Ihdr) -> Pixels:
+    """Undo the filters of samples of 8 or 16 bits: (H, W), or (H, W, channels)."""
+    pixel, channels = ihdr.bits_per_pixel // 8, _CHANNELS[ihdr.colour]
+    try:
+        rows = _native.unfilter(np.frombuffer(filtered, np.uint8), ihdr.height, pixel * ihdr.width, pixel)
+    except ValueError as error:
+        raise DamagedFile("the PNG holds rows that cannot be decoded") from error
+    samples = rows.view(">u2").astype(np.uint16) if ihdr.depth == 16 else rows
+    return samples if channels == 1 else samples.reshape(ihdr.height, ihdr.width, channels)
+
+
+def _by_opencv(head: bytes, filtered: bytes, ihdr: _Ihdr) -> Pixels:
+    """Decode a PNG that has nothing but its header and palette, `head`, and pixels, stored uncompressed.
+
+    So transparency, colour profiles, EXIF and animation never reach the decoder, and a bomb neither.
+    """
+    stored = (*_chunk(b"IDAT", zlib.compress(filtered, 0)), *_chunk(b"IEND", b""))
+    plain = np.frombuffer(b"".join((head, *stored)), np.uint8)
+    image = cv2.imdecode(plain, cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR)
     if image is None or image.shape[:2] != (ihdr.height, ihdr.width):
         raise DamagedFile("the PNG holds rows that cannot be decoded")
     if _CHANNELS[ihdr.colour] <= 2:
         # Grey with alpha comes back as three equal channels.
         return image if image.ndim == 2 else np.ascontiguousarray(image[:, :, 0])
     return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
-
-
-def _rebuilt(data: bytes, ihdr: _Ihdr) -> bytes:
-    """Return the same picture with nothing but header, palette and pixels, the latter stored uncompressed.
-
-    So transparency, colour profiles, EXIF and animation never reach the decoder, and a bomb neither.
-    """
-    chunks = list(_critical_chunks(data))
-    pixels = _inflate((body for kind, body in chunks if kind == b"IDAT"), _filtered_size(ihdr))
-    palette = [part for kind, body in chunks if kind == b"PLTE" for part in _chunk(kind, body)]
-    stored = _chunk(b"IDAT", zlib.compress(pixels, 0))
-    return b"".join((data[:_HEADER_END], *palette, *stored, *_chunk(b"IEND", b"")))
 
 
 def _critical_chunks(data: bytes) -> Iterator[tuple[bytes, memoryview]]:

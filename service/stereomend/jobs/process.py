@@ -11,7 +11,7 @@ from multiprocessing.context import SpawnProcess
 
 from stereomend.errors import Unavailable, WorkerCrashed, WorkLimitExceeded
 from stereomend.jobs.task import Answer, Task
-from stereomend.jobs.worker import Hello, WorkerPlan, receive_answer, receive_hello, work
+from stereomend.jobs.worker import Hello, WorkerPlan, receive_answer, receive_hello, send_task, work
 
 _SPAWN = multiprocessing.get_context("spawn")
 # A Ctrl-C, or a service manager's SIGTERM to the whole group, is the server's to act on.
@@ -46,7 +46,7 @@ class WorkerProcess:
             BrokenPipeError: the worker was dead before it had the task.
             StereomendError: what the worker refused, or why it died.
         """
-        self._connection.send(task)
+        send_task(self._connection, task)
         try:
             return receive_answer(self._connection)
         except (EOFError, OSError) as error:

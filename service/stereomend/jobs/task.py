@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
+from functools import cache
 from time import perf_counter
 from typing import Any, NamedTuple, TypeVar
 
@@ -95,17 +96,21 @@ def refine_files(files: Files, params: RefineParams, backend: Backend, max_pixel
 
 def _decode(files: Files, scale: float | None, max_pixels: int) -> tuple[StereoPair, DisparityMap | None]:
     # Side by side: nearly all of the time goes to inflating, which holds no lock. Errors come in this order.
-    with ThreadPoolExecutor(3) as pool:
+    def begin(decode: Callable[..., T], file: bytes | None, *args: Any) -> Future[T] | None:
+        return None if file is None else _decoders().submit(decode, file, *args)
 
-        def begin(decode: Callable[..., T], file: bytes | None, *args: Any) -> Future[T] | None:
-            return None if file is None else pool.submit(decode, file, *args)
+    right = _decoders().submit(decode_image, files.right, "right", max_pixels)
+    mask = begin(decode_mask, files.mask, "mask", max_pixels)
+    upload = begin(decode_disparity, files.disparity, "disparity", max_pixels, scale)
+    left = decode_image(files.left, "left", max_pixels)
+    pair = StereoPair(left, right.result(), mask.result() if mask else None)
+    if upload is None:
+        return pair, None
+    check_same_size("disparity", upload.result().shape, "left", pair.shape)
+    return pair, upload.result()
 
-        right = pool.submit(decode_image, files.right, "right", max_pixels)
-        mask = begin(decode_mask, files.mask, "mask", max_pixels)
-        upload = begin(decode_disparity, files.disparity, "disparity", max_pixels, scale)
-        left = decode_image(files.left, "left", max_pixels)
-        pair = StereoPair(left, right.result(), mask.result() if mask else None)
-        if upload is None:
-            return pair, None
-        check_same_size("disparity", upload.result().shape, "left", pair.shape)
-        return pair, upload.result()
+
+@cache
+def _decoders() -> ThreadPoolExecutor:
+    # Kept, for to start and end three threads takes longer than to decode an image.
+    return ThreadPoolExecutor(3, "decode")

@@ -6,13 +6,12 @@ so that a decoder taken over by a hostile file gains nothing in the server.
 
 from __future__ import annotations
 
-import ctypes
 import json
 import logging
 import os
 import resource
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import parent_process
 from pathlib import Path
@@ -21,16 +20,15 @@ from typing import Any
 
 from stereomend.errors import InternalError, StereomendError, WorkLimitExceeded, error_from_slug
 from stereomend.jobs.logs import LogFormat, configure_logging
-from stereomend.jobs.task import Answer, Task, perform
+from stereomend.jobs.memory import keep_freed_memory
+from stereomend.jobs.task import Answer, Files, Task, perform
 from stereomend.opencv import cv2
 from stereomend.refinement import Backend, select_backend
 from stereomend.settings import Settings
 
 log = logging.getLogger(__name__)
 
-_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # of malloc.h
-_KEPT_BYTES = 128 << 20
-_LARGE_BYTES = 32 << 20
+_FILES = tuple(field.name for field in fields(Files))
 
 
 @dataclass(frozen=True)
@@ -74,10 +72,10 @@ def work(connection: Connection, plan: WorkerPlan) -> None:
     except StereomendError as error:
         _send_head(connection, _problem(error))
         return
-    _keep_freed_memory()
+    keep_freed_memory()
     _limit(plan.memory_mb << 20)
     _send_head(connection, {"backend": backend.name, "reason": backend.reason, "kernel": backend.kernel})
-    while (task := _next_task(connection)) is not None:
+    while (task := receive_task(connection)) is not None:
         _send_outcome(connection, _outcome(task, backend, plan))
 
 
@@ -89,6 +87,18 @@ def receive_hello(connection: Connection) -> Hello:
         EOFError, OSError: the worker died.
     """
     return Hello(**_receive_head(connection))
+
+
+def send_task(connection: Connection, task: Task) -> None:
+    """Send a task to a worker; blocks until it is read (raises BrokenPipeError, OSError if the worker died).
+
+    Each file is sent as it is: within the pickle it would be copied several times over.
+    """
+    names = [name for name in _FILES if getattr(task, name) is not None]
+    emptied: dict[str, Any] = dict.fromkeys(names, b"")
+    connection.send(replace(task, **emptied))
+    for name in names:
+        connection.send_bytes(getattr(task, name))
 
 
 def receive_answer(connection: Connection) -> Answer:
@@ -105,15 +115,6 @@ def _exit_with_server() -> None:
         os._exit(1)
 
 
-def _keep_freed_memory() -> None:
-    # Planes of a few megabytes come and go. By default each goes back to the system when it is freed, and its
-    # pages are zeroed and mapped again for the next: a third of the time of small images.
-    libc = ctypes.CDLL(None)
-    if hasattr(libc, "mallopt"):  # not every libc has it
-        libc.mallopt(_M_MMAP_THRESHOLD, _LARGE_BYTES)
-        libc.mallopt(_M_TRIM_THRESHOLD, _KEPT_BYTES)
-
-
 def _limit(memory: int) -> None:
     # On top of what the libraries took for themselves, which grows with the number of cores.
     most = _data_size() + memory
@@ -127,16 +128,19 @@ def _data_size() -> int:
     return int(status.partition("VmData:")[2].split()[0]) << 10
 
 
-def _next_task(connection: Connection) -> Task | None:
+def receive_task(connection: Connection) -> Task | None:
+    """Read the next task; None when there is none to come, or it does not fit into the memory."""
     try:
         task: Task = connection.recv()
+        names = [name for name in _FILES if getattr(task, name) is not None]
+        files: dict[str, Any] = {name: connection.recv_bytes() for name in names}
+        return replace(task, **files)
     except (EOFError, OSError):
         return None
     except MemoryError:
         # What is left of the request in the pipe cannot be told from the next one.
         log.exception("a request does not fit into the memory that a refinement may take")
         return None
-    return task
 
 
 def _outcome(task: Task, backend: Backend, plan: WorkerPlan) -> Answer | StereomendError:

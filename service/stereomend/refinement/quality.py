@@ -37,12 +37,16 @@ class Origin(NamedTuple):
 def provenance_of(disparity: Plane, origin: Origin, backend: Backend) -> npt.NDArray[np.uint8]:
     """Values of `Provenance` for a returned map, (H, W)."""
     moved = np.abs(disparity - origin.initial.u) > KEPT_WITHIN
-    provenance = np.full(disparity.shape, Provenance.KEPT, np.uint8)
-    np.putmask(provenance, moved, np.uint8(Provenance.REFINED))
-    np.putmask(provenance, ~origin.kept, np.uint8(Provenance.FILLED))
-    np.putmask(provenance, backend.unobserved(disparity), np.uint8(Provenance.UNOBSERVED))
+    unobserved = backend.unobserved(disparity)
     if origin.mask is not None:
-        np.putmask(provenance, ~origin.mask, np.uint8(Provenance.UNOBSERVED))
+        unobserved |= ~origin.mask
+    provenance = np.full(disparity.shape, Provenance.KEPT, np.uint8)
+    for kind, pixels in (
+        (Provenance.REFINED, moved),
+        (Provenance.FILLED, ~origin.kept),
+        (Provenance.UNOBSERVED, unobserved),
+    ):
+        np.maximum(provenance, pixels * np.uint8(kind), out=provenance)
     return provenance
 
 
@@ -54,29 +58,17 @@ def shares_of(provenance: npt.NDArray[np.uint8]) -> dict[str, float]:
 
 def residual(scene: Scene, sparse: Sparse, backend: Backend) -> float | None:
     """Mean distance of the descriptors, 0 to 2, over valid observed pixels; None where these are few."""
-    return _mean_distance(scene, sparse.u, _seen(sparse, backend), backend)
-
-
-def _seen(sparse: Sparse, backend: Backend) -> Mask | None:
-    """Valid observed pixels; None where these are few."""
-    seen: Mask = sparse.valid & ~backend.unobserved(sparse.u)
-    count = np.count_nonzero(seen)
-    return seen if count and count >= _FEW * np.count_nonzero(sparse.valid) else None
-
-
-def _mean_distance(scene: Scene, u: Plane, seen: Mask | None, backend: Backend) -> float | None:
-    if seen is None:
-        return None
-    return float(backend.distance(scene.left, scene.right, u)[seen].mean(dtype=np.float64))
+    mean, count = backend.mismatch(scene.left, scene.right, sparse.u, sparse.valid)
+    return mean if count and count >= _FEW * np.count_nonzero(sparse.valid) else None
 
 
 def warnings_of(scene: Scene, initial: Sparse, refined: Sparse, backend: Backend) -> Iterator[str]:
     """Name what looks wrong with the input: where another reading of it explains the pair clearly better."""
     rows = _sample_rows(scene.size[0])
     initial, refined = _only(initial, rows), _only(refined, rows)
-    scene_now, seen = _rows_of(scene, rows), _seen(refined, backend)
-    shifted = (_mean_distance(_rows_of(scene, rows, by), refined.u, seen, backend) for by in _OFFSETS)
-    if _doubted(_mean_distance(scene_now, refined.u, seen, backend), shifted):
+    scene_now = _rows_of(scene, rows)
+    shifted = (residual(_rows_of(scene, rows, by), refined, backend) for by in _OFFSETS)
+    if _doubted(residual(scene_now, refined, backend), shifted):
         yield "not-rectified"
     now = residual(scene_now, initial, backend)
     if _doubted(now, [residual(scene_now, Sparse(-initial.u, initial.valid), backend)]):

@@ -11,6 +11,7 @@ import pytest
 from stereomend import _native
 from stereomend.refinement import parse_params, select_backend
 from stereomend.refinement.backends.base import Usable
+from stereomend.refinement.backends.reference import distance
 from stereomend.refinement.params import LdrParams
 
 SIZES = [(1, 1), (1, 2), (2, 1), (3, 3), (1, 33), (33, 1), (3, 2000), (2000, 3), (47, 61), (479, 631)]
@@ -73,9 +74,34 @@ def test_disparities_out_of_the_image_match_the_reference(native, reference):
 
 
 @pytest.mark.parametrize("size", SIZES)
-def test_the_descriptors_distance_matches_the_reference(size, native, reference):
-    state = make_state(size)
-    assert np.abs(native.distance(*state) - reference.distance(*state)).max() < 2e-3
+def test_the_mismatch_matches_the_reference(size, native, reference):
+    state, rng = make_state(size), np.random.default_rng(12)
+    for share in (1.0, 0.7, 0.02):
+        valid = rng.random(size) < share
+        mean, count = native.mismatch(*state, valid)
+        expected, seen = reference.mismatch(*state, valid)
+        assert count == seen
+        assert mean == pytest.approx(expected, abs=1e-4)
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_the_mismatch_of_one_pixel_is_the_distance_of_its_descriptors(size, native, reference):
+    left, right, u = make_state(size)
+    distances = distance(*(plane.astype(np.float64) for plane in (left, right, u)))
+    seen = np.flatnonzero(~reference.unobserved(u))
+    for at in np.random.default_rng(13).permutation(seen)[:200]:
+        only = np.zeros(size, bool)
+        only.flat[at] = True
+        mean, count = native.mismatch(left, right, u, only)
+        assert count == 1
+        assert abs(mean - distances.flat[at]) < 2e-3
+
+
+def test_the_mismatch_of_nothing_is_0(native, reference):
+    left, right, u = make_state((5, 7))
+    nothing = np.zeros((5, 7), bool)
+    assert native.mismatch(left, right, u, nothing) == reference.mismatch(left, right, u, nothing) == (0.0, 0)
+    assert native.mismatch(left, right, u + 100, ~nothing) == (0.0, 0)
 
 
 @pytest.mark.parametrize("size", SIZES)
@@ -133,7 +159,8 @@ def test_results_are_bitwise_equal_for_any_number_of_threads(size, preset):
         filled = backend.fill(u, confidence > 0.5, 20, 5)
         solved = backend.solve(left, right, filled, params.gdr)
         results.append(
-            [plane.tobytes() for plane in (confidence, filled, solved, backend.distance(left, right, u))]
+            [plane.tobytes() for plane in (confidence, filled, solved)]
+            + [backend.mismatch(left, right, u, usable.matte)]
         )
     assert results[0] == results[1] == results[2]
 
@@ -160,11 +187,11 @@ def test_the_kernels_refuse_what_does_not_fit():
     plane, narrow = np.zeros((4, 5), np.float32), np.zeros((4, 4), np.float32)
     engine = _native.Engine(1)
     with pytest.raises(ValueError, match="differ in shape"):
-        engine.distance(plane, narrow, plane, False)
+        engine.mismatch(plane, narrow, plane, plane > 0)
     with pytest.raises(ValueError, match="no pixel"):
-        engine.distance(plane[:0], plane[:0], plane[:0], False)
+        engine.mismatch(plane[:0], plane[:0], plane[:0], plane[:0] > 0)
     with pytest.raises(TypeError):
-        engine.distance(plane.astype(np.float64), plane, plane, False)
+        engine.mismatch(plane.astype(np.float64), plane, plane, plane > 0)
     with pytest.raises(ValueError, match="threads"):
         _native.Engine(0)
     even = _native.ConfidenceParams(window=4, smoothness_weight=1, smoothness_power=1, photometric_weight=1)

@@ -68,8 +68,11 @@ class Backend(Protocol):
         """
         ...
 
-    def distance(self, left: Plane, right: Plane, u: Plane) -> Plane:
-        """Euclidean distance between left and warped right signed descriptors, 0 to 2."""
+    def mismatch(self, left: Plane, right: Plane, u: Plane, valid: Mask) -> tuple[float, int]:
+        """Mean Euclidean distance, 0 to 2, of left and warped right signed descriptors; of how many pixels.
+
+        Of those that are valid and not `unobserved`; (0, 0) where none is.
+        """
         ...
 
     def unobserved(self, u: Plane) -> Mask:

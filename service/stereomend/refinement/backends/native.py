@@ -67,9 +67,9 @@ class NativeBackend:
         share = None if weight is None else self.plane(weight)
         return self._engine.solve(self.plane(left), self.plane(right), self.plane(u), share, constants)
 
-    def distance(self, left: Plane, right: Plane, u: Plane) -> Plane:
-        """See `Backend.distance`."""
-        return self._engine.distance(self.plane(left), self.plane(right), self.plane(u), False)
+    def mismatch(self, left: Plane, right: Plane, u: Plane, valid: Mask) -> tuple[float, int]:
+        """See `Backend.mismatch`."""
+        return self._engine.mismatch(self.plane(left), self.plane(right), self.plane(u), valid)
 
     def unobserved(self, u: Plane) -> Mask:
         """See `Backend.unobserved`."""

@@ -80,12 +80,13 @@ class ReferenceBackend:
             u, p = iterate(u, p, (share * a, share * b), params)
         return u
 
-    def distance(self, left: Plane, right: Plane, u: Plane) -> Plane:
-        """See `Backend.distance`."""
-        left, right, u = self.plane(left), self.plane(right), self.plane(u)
-        difference = describe(warp(right, u), "signed") - describe(left, "signed")
-        result: Array = np.sqrt(np.sum(difference**2, axis=0))
-        return result
+    def mismatch(self, left: Plane, right: Plane, u: Plane, valid: Mask) -> tuple[float, int]:
+        """See `Backend.mismatch`."""
+        seen = valid & ~self.unobserved(u)
+        if not seen.any():
+            return 0.0, 0
+        distances = distance(self.plane(left), self.plane(right), self.plane(u))
+        return float(distances[seen].mean()), int(np.count_nonzero(seen))
 
     def unobserved(self, u: Plane) -> Mask:
         """See `Backend.unobserved`."""
@@ -164,6 +165,13 @@ def describe(image: Array, descriptor: str) -> Array:
     norm = np.sqrt(np.sum(differences**2, axis=0))
     described: Array = np.divide(differences, norm, out=np.zeros_like(differences), where=norm > MIN_NORM)
     return described
+
+
+def distance(left: Array, right: Array, u: Array) -> Array:
+    """Euclidean distance between left and warped right signed descriptors, 0 to 2, (H, W)."""
+    difference = describe(warp(right, u), "signed") - describe(left, "signed")
+    result: Array = np.sqrt(np.sum(difference**2, axis=0))
+    return result
 
 
 def linearise(own: Array, warped: Array, u: Array) -> tuple[Array, Array]:

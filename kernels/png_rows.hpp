@@ -1,0 +1,20 @@
+// The filters of PNG rows, undone.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+namespace stereomend {
+
+// Rows of a PNG without interlacing.
+struct PngRows {
+    size_t height;
+    size_t stride;           // bytes of a row, without the filter's number: a multiple of bytes_per_pixel
+    size_t bytes_per_pixel;  // 1, 2, 3, 4, 6 or 8
+};
+
+// Undoes the filters (PNG, third edition, section 9). filtered: height rows of 1 + stride bytes, the first of each the
+// number of its filter; out: (height, stride) [out]. False where a row has a filter that PNG does not define.
+bool unfilter(const PngRows& rows, const uint8_t* filtered, uint8_t* out);
+
+}  // namespace stereomend
