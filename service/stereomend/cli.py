@@ -70,7 +70,10 @@ def _parser() -> argparse.ArgumentParser:
     _add_phantom(
         commands.add_parser("phantom", help="write synthetic pairs with exact and with broken disparity")
     )
-    _add_bench(commands.add_parser("bench", help="measure how fast this machine refines"))
+    _add_bench(
+        commands.add_parser("bench", help="measure how fast this machine refines, or how good the maps are")
+    )
+    _add_evaluate(commands.add_parser("evaluate", help="score disparity maps on a dataset, raw and refined"))
     _add_doctor(commands.add_parser("doctor", help="say what this machine has, and what is missing"))
     return parser
 
@@ -199,16 +202,24 @@ def _params(options: argparse.Namespace) -> dict[str, Any]:
         *("preset", "stages", "initial", "processing_scale", "disparity_scale"),
         *("focal_px", "baseline_mm", "cx", "cy", "doffs"),
     )
-    params: dict[str, Any] = {
-        name: getattr(options, name) for name in names if getattr(options, name) is not None
-    }
-    for override in options.set:
-        path, given, text = override.partition("=")
+    return _given(options, names) | _overrides(options.set)
+
+
+def _given(options: argparse.Namespace, names: Sequence[str]) -> dict[str, Any]:
+    """The options of these names that were given."""
+    return {name: getattr(options, name) for name in names if getattr(options, name) is not None}
+
+
+def _overrides(given: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """What `--set` gave, by stage."""
+    overrides: dict[str, dict[str, Any]] = {}
+    for override in given:
+        path, equals, text = override.partition("=")
         stage, dot, name = path.partition(".")
-        if not (given and dot and stage in ("ldr", "gdr")):
+        if not (equals and dot and stage in ("ldr", "gdr")):
             raise InvalidParameter(f"--set {override}: expected ldr.NAME=VALUE or gdr.NAME=VALUE")
-        params.setdefault(stage, {})[name] = _value(text)
-    return params
+        overrides.setdefault(stage, {})[name] = _value(text)
+    return overrides
 
 
 def _value(text: str) -> Any:
@@ -293,19 +304,76 @@ def _add_bench(parser: argparse.ArgumentParser) -> None:
     add("--repeats", type=int, help="rounds, each with every configuration once (default 9)")
     add("--json", type=Path, metavar="FILE", help="write all figures, and what they were measured on")
     add("--http", action=argparse.BooleanOptionalAction, default=True, help="time requests to a server too")
-    add("--quick", action="store_true", help="a few seconds: whether it works, not how fast")
+    add("--quick", action="store_true", help="a few seconds: whether it works, not how fast or how good")
+    add("--quality", action="store_true", help="score refined maps of phantoms instead, beside other methods")
+    add("--seed", type=int, help="with --quality: base of all seeds (default 0)")
+    add("--scenes", type=int, metavar="N", help="with --quality: cases, in turns over all groups")
+    add(
+        "--set",
+        action="append",
+        metavar="STAGE.NAME=VALUE",
+        help="with --quality: override in all presets, such as gdr.warps=10",
+    )
     parser.set_defaults(command=_bench)
 
 
+_BENCH_SPEED = ("size", "backend", "threads", "repeats")
+_BENCH_QUALITY = ("seed", "scenes", "set")
+
+
 def _bench(options: argparse.Namespace) -> int:
+    for name in _BENCH_SPEED if options.quality else _BENCH_QUALITY:
+        if getattr(options, name) is not None:
+            raise InvalidParameter(f"--{name}: {'not' if options.quality else 'only'} with --quality")
+    return _bench_quality(options) if options.quality else _bench_speed(options)
+
+
+def _bench_quality(options: argparse.Namespace) -> int:
+    from stereomend.bench import quality_as_json, quality_lines_of, quality_plan_of, run_quality
+
+    given = _given(options, ("seed", "scenes", "preset"))
+    plan = quality_plan_of(given, _overrides(options.set or ()), quick=options.quick)
+    report = run_quality(plan, _show_progress if sys.stderr.isatty() else lambda done, cases: None)
+    print("\n".join(quality_lines_of(report)))
+    if options.json:
+        options.json.write_text(quality_as_json(report))
+    return 0
+
+
+def _show_progress(done: int, cases: int) -> None:
+    """Keep one line of the terminal up to date; nothing is left of it in the end."""
+    text = f"{done} of {cases} cases" if done < cases else ""
+    print(f"\r\x1b[K{text}", end="", file=sys.stderr, flush=True)
+
+
+def _bench_speed(options: argparse.Namespace) -> int:
     from stereomend.bench import as_json, lines_of, plan_of, run_bench
 
-    names = ("size", "preset", "backend", "threads", "repeats")
-    given = {name: getattr(options, name) for name in names if getattr(options, name) is not None}
+    given = _given(options, (*_BENCH_SPEED, "preset"))
     report = run_bench(plan_of(given, quick=options.quick, http=options.http))
     print("\n".join(lines_of(report)))
     if options.json:
         options.json.write_text(as_json(report))
+    return 0
+
+
+def _add_evaluate(parser: argparse.ArgumentParser) -> None:
+    from stereomend.evaluation.arguments import add_arguments
+
+    add_arguments(parser)
+    parser.set_defaults(command=_evaluate)
+
+
+def _evaluate(options: argparse.Namespace) -> int:
+    from stereomend.evaluation.arguments import check_installed
+
+    check_installed()
+    from stereomend.evaluation.command import run_task, task_of
+    from stereomend.evaluation.report import prepare_stem
+
+    stem = prepare_stem(options.output) if options.output else None
+    report, gallery = run_task(task_of(options))
+    print(*report.write(stem, gallery), sep="\n") if stem else print(report.markdown(), end="")
     return 0
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import platform
+from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -38,6 +39,13 @@ def this_machine() -> Machine:
         kernel=_native.KERNEL_HASH,
         instruction_set=next(iter(_native.instruction_sets()), "unknown"),
     )
+
+
+def machine_lines(machine: Machine) -> Iterator[str]:
+    """The lines that stand over all tables."""
+    yield f"{machine.cpu}, {machine.cores} cores; {machine.instruction_set}, kernels {machine.kernel}"
+    packages = ", ".join(f"{name} {version}" for name, version in machine.versions.items())
+    yield f"Python {machine.python}, {packages}"
 
 
 def cores() -> int:

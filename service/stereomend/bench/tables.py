@@ -8,6 +8,7 @@ from stereomend.bench.cases import WxH
 from stereomend.bench.ceilings import Ceiling
 from stereomend.bench.clock import Spread
 from stereomend.bench.http import HttpTimes, Percentiles
+from stereomend.bench.machine import machine_lines
 from stereomend.bench.run import PAPER_MS, PAPER_SIZE, Report
 from stereomend.bench.stages import StageTimes
 from stereomend.bench.sweeps import FEW, MANY, OPERATIONS, PLANE_BYTES, SweepTimes
@@ -34,10 +35,7 @@ def lines_of(report: Report) -> Iterator[str]:
 
 
 def _head(report: Report) -> Iterator[str]:
-    machine = report.machine
-    yield f"{machine.cpu}, {machine.cores} cores; {machine.instruction_set}, kernels {machine.kernel}"
-    packages = ", ".join(f"{name} {version}" for name, version in machine.versions.items())
-    yield f"Python {machine.python}, {packages}"
+    yield from machine_lines(report.machine)
     yield f"load {report.load_before} before, {report.load_after} after; {report.plan.repeats} rounds"
     if report.load_before > 0.5:
         yield "Other programs ran: the least times say more than the medians."
@@ -65,8 +63,8 @@ def _stages(stages: Iterable[StageTimes]) -> Iterator[str]:
     for one in stages:
         yield (
             f"{_by(one.worked):11s}{one.preset:10s}{one.backend:10s}{one.threads:3d}"
-            f"{_spread(one.ldr_ms, 20)}{one.ldr_ns_per_pixel:5.0f}{_or_dash(one.ldr_speedup, '6.2f')}"
-            f"{_spread(one.gdr_ms, 22)}{one.gdr_ns_per_pixel:6.0f}{_or_dash(one.gdr_speedup, '6.2f')}"
+            f"{_spread(one.ldr_ms, 20)}{one.ldr_ns_per_pixel:5.0f}{or_dash(one.ldr_speedup, '6.2f')}"
+            f"{_spread(one.gdr_ms, 22)}{one.gdr_ns_per_pixel:6.0f}{or_dash(one.gdr_speedup, '6.2f')}"
         )
 
 
@@ -89,11 +87,11 @@ def _sweeps(sweeps: Iterable[SweepTimes]) -> Iterator[str]:
     )
     for one in sweeps:
         yield (
-            f"{_by(one.worked):11s}{one.backend:10s}{one.threads:3d}{_or_dash(one.iteration_ms, '10.3f')} ms"
-            f"{_or_dash(one.speedup, '6.2f')}{_or_dash(one.gflop_s, '9.1f')}"
-            f"{_or_dash(one.of_multiply_add, '12.0%')}{_or_dash(one.gb_s, '8.1f')}"
-            f"{_or_dash(one.of_triad, '10.0%')}{_or_dash(one.before_ms, '7.2f')} ms"
-            f"{_or_dash(one.before_ns_per_pixel, '8.1f')}"
+            f"{_by(one.worked):11s}{one.backend:10s}{one.threads:3d}{or_dash(one.iteration_ms, '10.3f')} ms"
+            f"{or_dash(one.speedup, '6.2f')}{or_dash(one.gflop_s, '9.1f')}"
+            f"{or_dash(one.of_multiply_add, '12.0%')}{or_dash(one.gb_s, '8.1f')}"
+            f"{or_dash(one.of_triad, '10.0%')}{or_dash(one.before_ms, '7.2f')} ms"
+            f"{or_dash(one.before_ns_per_pixel, '8.1f')}"
         )
     yield f"{OPERATIONS} operations and {PLANE_BYTES} bytes per pixel and iteration; over 100 % of the triad:"
     yield "the planes stayed in the caches. before: warp, descriptors, linearisation, set-up."
@@ -132,5 +130,6 @@ def _short(ms: float) -> str:
     return f"{ms:.0f}" if ms >= 100 else f"{ms:.1f}"
 
 
-def _or_dash(value: float | None, form: str) -> str:
+def or_dash(value: float | None, form: str) -> str:
+    """A number in a form such as "9.2f", or a dash as wide where there is none."""
     return f"{value:{form}}" if value is not None else "-".rjust(int(form.partition(".")[0]))
