@@ -4,6 +4,7 @@
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/pair.h>
 #include <nanobind/stl/string.h>
+#include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 
 #include <algorithm>
@@ -80,13 +81,20 @@ public:
         return out;
     }
 
-    // The mean, 0 of nothing, and of how many pixels.
-    std::pair<double, long> mismatch(const Plane& left, const Plane& right, const Plane& u, const Flags& valid) {
-        check_same_shape(left, right, u, valid);
-        const Level level = level_of(left, right, nullptr);
+    // The means, 0 of nothing, and of how many pixels each; a reading is (right, u, valid).
+    std::vector<std::pair<double, long>> mismatch(const Plane& left,
+                                                  const std::vector<std::tuple<Plane, Plane, Flags>>& given) {
+        check_same_shape(left);
+        std::vector<stereomend::Reading> readings;
+        for (const auto& [right, u, valid] : given) {
+            check_same_shape(left, right, u, valid);
+            readings.push_back({right.data(), u.data(), valid.data()});
+        }
         nb::gil_scoped_release unlocked;
-        const stereomend::Mismatch found = engine_.mismatch(level, u.data(), valid.data());
-        return {found.count > 0 ? found.sum / static_cast<double>(found.count) : 0.0, found.count};
+        std::vector<std::pair<double, long>> means;
+        for (const auto& [sum, count] : engine_.mismatch(size_of(left), left.data(), readings))
+            means.emplace_back(count > 0 ? sum / static_cast<double>(count) : 0.0, count);
+        return means;
     }
 
     Output<bool> unobserved(const Plane& u) {
@@ -174,8 +182,8 @@ NB_MODULE(_native, m) {
         .def(nb::init<int, const std::string&>(), "threads"_a, "instruction_set"_a = "")
         .def("solve", &PyEngine::solve, "left"_a.noconvert(), "right"_a.noconvert(), "u"_a.noconvert(),
              "weight"_a.noconvert().none(), "params"_a, "All warps of one level; returns the new u.")
-        .def("mismatch", &PyEngine::mismatch, "left"_a.noconvert(), "right"_a.noconvert(), "u"_a.noconvert(),
-             "valid"_a.noconvert(), "Mean distance of the descriptors over valid observed pixels, and their number.")
+        .def("mismatch", &PyEngine::mismatch, "left"_a.noconvert(), "readings"_a.noconvert(),
+             "Mean distance of the descriptors over valid observed pixels, and their number, of each reading.")
         .def("unobserved", &PyEngine::unobserved, "u"_a.noconvert(), "What the right image does not show.")
         .def("confidence", &PyEngine::confidence, "left"_a.noconvert(), "right"_a.noconvert(), "u"_a.noconvert(),
              "valid"_a.noconvert(), "matte"_a.noconvert(), "params"_a, "C_f at every pixel.")

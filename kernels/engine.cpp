@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <functional>
-#include <numeric>
 #include <stdexcept>
 
 namespace stereomend {
@@ -60,6 +59,17 @@ Laps plan_laps(const Level& level, const SolverParams& params, int crew) {
     return {length, (params.iterations + length - 1) / length, crew};
 }
 
+// Copies rows of an image, each with its ends repeated.
+void pad(const float* source, int width, Rows rows, float* out) {
+    for (int y = rows.begin; y < rows.end; ++y) {
+        const float* from = source + static_cast<size_t>(y) * width;
+        float* row = out + static_cast<size_t>(y) * (width + 2);
+        std::copy(from, from + width, row + 1);
+        row[0] = row[1];
+        row[width + 1] = row[width];
+    }
+}
+
 }  // namespace
 
 std::vector<std::string> instruction_sets() {
@@ -74,17 +84,15 @@ Engine::Engine(int threads, const std::string& instruction_set)
       team_(threads),
       ldr_{team_, ldr_buffers_, *choose(instruction_set).ldr} {}
 
+// Room for so many rows of the right image, and for the descriptors of each member.
+void Engine::reserve(int width, size_t rows) {
+    right_.resize(std::max(right_.size(), rows * (width + 2)));
+    scratch_.resize(std::max(scratch_.size(), scratch_floats(width) * team_.size()));
+}
+
 Level Engine::padded(const Level& level) {
-    const size_t stride = level.width + 2;
-    right_.resize(std::max(right_.size(), stride * level.height));
-    scratch_.resize(std::max(scratch_.size(), scratch_floats(level.width) * team_.size()));
-    for (int y = 0; y < level.height; ++y) {
-        const float* source = level.right + static_cast<size_t>(y) * level.width;
-        float* row = right_.data() + y * stride;
-        std::copy(source, source + level.width, row + 1);
-        row[0] = row[1];
-        row[stride - 1] = row[stride - 2];
-    }
+    reserve(level.width, level.height);
+    pad(level.right, level.width, {0, level.height}, right_.data());
     return {level.width, level.height, level.left, right_.data(), level.weight};
 }
 
@@ -154,32 +162,45 @@ void Engine::wave(const Level& level, const SolverParams& params, const Laps& la
     }
 }
 
-Mismatch Engine::mismatch(const Level& unpadded, const float* u, const bool* valid) {
+// All readings in one job, for to wake the team takes as long as a small one.
+std::vector<Mismatch> Engine::mismatch(Size size, const float* left, const std::vector<Reading>& readings) {
     const std::lock_guard<std::mutex> lock(mutex_);
-    const Level level = padded(unpadded);
-    const size_t pixels = static_cast<size_t>(level.width) * level.height;
-    seen_.resize(std::max(seen_.size(), pixels));
-    sums_.assign(level.height, 0.0);
-    std::atomic<long> count{0};
+    const size_t height = size.height;
+    // Each member pads its own rows and the two beside them.
+    reserve(size.width, height + 2 * team_.size());
+    seen_.resize(std::max(seen_.size(), height * size.width));
+    sums_.assign(height * readings.size(), 0.0);
+    counts_.assign(height * readings.size(), 0);
     const auto body = [&](int member) {
-        const Rows rows = band(level.height, member, team_.size());
-        for (int y = rows.begin; y < rows.end; ++y) count += see(level, u, valid, y);
-        float* own = scratch_.data() + scratch_floats(level.width) * member;
-        sweeps_.distance(level, u, seen(), rows, own, sums_.data());
+        const Rows rows = band(size.height, member, team_.size());
+        const Rows wider{std::max(rows.begin - 1, 0), std::min(rows.end + 1, size.height)};
+        float* right = right_.data() + (2 * member + 1) * (size.width + 2);
+        const Level level{size.width, size.height, left, right, nullptr};
+        float* own = scratch_.data() + scratch_floats(size.width) * member;
+        for (size_t k = 0; k < readings.size(); ++k) {
+            pad(readings[k].right, size.width, wider, right);
+            for (int y = rows.begin; y < rows.end; ++y) counts_[k * height + y] = see(size.width, readings[k], y);
+            sweeps_.distance(level, readings[k].u, seen(), rows, own, sums_.data() + k * height);
+        }
     };
     team_.run(std::ref(body));
     // In the order of the rows, whoever summed them.
-    return {std::accumulate(sums_.begin(), sums_.end(), 0.0), count};
+    std::vector<Mismatch> found(readings.size(), {0.0, 0});
+    for (size_t row = 0; row < sums_.size(); ++row) {
+        found[row / height].sum += sums_[row];
+        found[row / height].count += counts_[row];
+    }
+    return found;
 }
 
 // Finds the pixels of row y that are valid and that the right image shows; returns their number.
-long Engine::see(const Level& level, const float* u, const bool* valid, int y) {
-    const size_t o = static_cast<size_t>(y) * level.width;
+long Engine::see(int width, const Reading& reading, int y) {
+    const size_t o = static_cast<size_t>(y) * width;
     bool* seen = this->seen() + o;
-    ldr_.sweeps.unobserved_row(u + o, level.width, seen);
+    ldr_.sweeps.unobserved_row(reading.u + o, width, seen);
     long count = 0;
-    for (int x = 0; x < level.width; ++x) {
-        seen[x] = valid[o + x] & !seen[x];
+    for (int x = 0; x < width; ++x) {
+        seen[x] = reading.valid[o + x] & !seen[x];
         count += seen[x];
     }
     return count;

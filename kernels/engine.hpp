@@ -23,6 +23,13 @@ struct Laps {
     int crew;
 };
 
+// One way to see a left image: the right one, the disparity and which pixels count, each row-major (height, width).
+struct Reading {
+    const float* right;
+    const float* u;
+    const bool* valid;
+};
+
 // Sum of the distances of descriptors, each 0 to 2, and their number.
 struct Mismatch {
     double sum;
@@ -40,9 +47,9 @@ public:
     // The level's right image comes without padding, here and below.
     void solve(const Level& level, const SolverParams& params, float* u);
 
-    // How far the signed descriptors of both images are from each other, u being the disparity, over the pixels that
-    // are valid (height, width) and that the right image shows.
-    Mismatch mismatch(const Level& level, const float* u, const bool* valid);
+    // For each reading of the left image (height, width): how far the signed descriptors of both images are from each
+    // other, over the pixels that are valid and that the right image shows.
+    std::vector<Mismatch> mismatch(Size size, const float* left, const std::vector<Reading>& readings);
 
     // Writes which pixels the right image does not show [out, (height, width)]; see ldr_sweeps.hpp.
     void unobserved(Size size, const float* u, bool* out);
@@ -56,9 +63,10 @@ private:
         std::atomic<int> rows{0};
     };
 
+    void reserve(int width, size_t rows);
     Level padded(const Level& level);
     bool* seen() { return reinterpret_cast<bool*>(seen_.data()); }
-    long see(const Level& level, const float* u, const bool* valid, int y);
+    long see(int width, const Reading& reading, int y);
     void prepare(const Level& level, float* u);
     void sweep(const Level& level, const SolverParams& params, int member);
     void wave(const Level& level, const SolverParams& params, const Laps& laps, int member);
@@ -71,7 +79,8 @@ private:
     std::vector<float> scratch_;  // of each member
     std::vector<Progress> progress_;
     std::vector<uint8_t> seen_;   // bools, (height, width)
-    std::vector<double> sums_;    // of each row
+    std::vector<double> sums_;    // of each row of each reading
+    std::vector<long> counts_;
     LdrBuffers ldr_buffers_;
     Crew ldr_;
     State state_{};

@@ -1,3 +1,5 @@
+from collections.abc import Sequence
+
 import numpy as np
 import numpy.typing as npt
 
@@ -36,7 +38,9 @@ class Engine:
     def solve(
         self, left: _Plane, right: _Plane, u: _Plane, weight: _Plane | None, params: SolverParams
     ) -> _Plane: ...
-    def mismatch(self, left: _Plane, right: _Plane, u: _Plane, valid: _Flags) -> tuple[float, int]: ...
+    def mismatch(
+        self, left: _Plane, readings: Sequence[tuple[_Plane, _Plane, _Flags]]
+    ) -> list[tuple[float, int]]: ...
     def unobserved(self, u: _Plane) -> _Flags: ...
     def confidence(
         self, left: _Plane, right: _Plane, u: _Plane, valid: _Flags, matte: _Flags, params: ConfidenceParams

@@ -2,11 +2,13 @@
 
 import io
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from multiprocessing import Pipe
 
 import numpy as np
 import pytest
 
+from stereomend.codec import MEDIA_TYPES, PREVIEW_TYPE, encode_result
 from stereomend.errors import ShapeMismatch
 from stereomend.jobs.task import TIMINGS, Task, perform
 from stereomend.jobs.worker import receive_task, send_task
@@ -26,6 +28,25 @@ def test_the_answer_holds_what_the_package_computes(quick, backend, scene):
     np.testing.assert_array_equal(np.load(io.BytesIO(answer.body)), expected.disparity)
     assert answer.media_type == quick.media_type
     assert answer.meta["quality"] == expected.quality
+
+
+@pytest.mark.parametrize("media_type", sorted({*MEDIA_TYPES.values(), PREVIEW_TYPE} - {"application/zip"}))
+def test_no_answer_misses_the_confidences_that_it_holds(quick, scene, backend, media_type):
+    given = {"gdr": {"warps": 1, "levels": 1}, "focal_px": 50.0, "baseline_mm": 5.0}
+    task = replace(quick, params=parse_params(given), media_type=media_type)
+    whole = refine(scene.left, scene.right, scene.disparity, backend="reference", **given)
+    assert np.isfinite(whole.confidence).all()
+    assert perform(task, backend, 10**6).body == encode_result(whole, media_type, left=scene.left)
+
+
+def test_a_zip_holds_the_confidences_that_the_package_computes(quick, scene, backend):
+    answer = perform(replace(quick, media_type="application/zip"), backend, 10**6)
+    whole = refine(
+        scene.left, scene.right, scene.disparity, backend="reference", gdr={"warps": 1, "levels": 1}
+    )
+    with np.load(io.BytesIO(answer.body)) as arrays:
+        np.testing.assert_array_equal(arrays["confidence"], whole.confidence)
+        np.testing.assert_array_equal(arrays["input_confidence"], whole.input_confidence)
 
 
 def test_all_stages_are_timed_and_add_up(quick, backend):

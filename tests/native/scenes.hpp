@@ -68,7 +68,9 @@ inline std::vector<float> run_all(stereomend::Engine& engine, const Scene& scene
     engine.solve(scene.level(), params, solved);
     std::vector<uint8_t> unobserved(pixels);
     engine.unobserved(scene.size, solved, reinterpret_cast<bool*>(unobserved.data()));
-    out.back() = static_cast<float>(engine.mismatch(scene.level(), solved, scene.flags()).sum);
+    const auto found = engine.mismatch(scene.size, scene.left.data(), {{scene.right.data(), solved, scene.flags()},
+                                                                       {scene.left.data(), filled, scene.flags()}});
+    out.back() = static_cast<float>(found.front().sum + found.back().sum);
     engine.confidence({scene.size, scene.left.data(), scene.right.data(), solved, scene.flags(), scene.flags()},
                       {21, 20.0f, 2, 2.0f}, out.data() + 2 * pixels);
     return out;

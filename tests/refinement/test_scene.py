@@ -3,6 +3,7 @@ import pytest
 
 from stereomend.disparity import StereoPair
 from stereomend.refinement import select_backend
+from stereomend.refinement.backends.reference import area_weights
 from stereomend.refinement.params import LdrParams
 from stereomend.refinement.scene import make_scene, matte_mask
 
@@ -22,6 +23,17 @@ def test_grey_levels_follow_bt601():
     assert grey[1, 0] == pytest.approx(0.114 * 255, abs=1e-4)
 
 
+@pytest.mark.parametrize("scale", [0.5, 0.75, 1])
+def test_both_images_are_the_area_means_of_their_grey_levels(scale):
+    rng = np.random.default_rng(3)
+    left, right = rng.integers(0, 256, (2, 48, 64, 3), np.uint8)
+    size = (round(48 * scale), round(64 * scale))
+    scene = make_scene(StereoPair(left, right), size, LdrParams(), NATIVE)
+    rows, columns = area_weights(48, size[0]), area_weights(64, size[1])
+    for image, found in ((left, scene.left), (right, scene.right)):
+        assert np.abs(rows @ (image @ (0.299, 0.587, 0.114)) @ columns.T - found).max() < 1e-4
+
+
 def test_sixteen_bit_images_have_the_levels_of_eight_bit_ones():
     image = np.random.default_rng(0).integers(0, 256, (6, 8, 3)).astype(np.uint8)
     deep = image.astype(np.uint16) * 257
@@ -35,7 +47,7 @@ def test_pale_pixels_of_a_colour_image_are_highlights():
 
 
 def test_a_dark_grey_pixel_is_no_highlight_when_brightness_counts():
-    image = np.array([[[60.0, 60, 60], [240, 240, 240], [200, 90, 90]]])
+    image = [np.array([levels]) for levels in ([60.0, 240, 200], [60.0, 240, 90], [60.0, 240, 90])]
     assert matte_mask(image, True, LdrParams(specular="saturation")).tolist() == [[False, False, True]]
     assert matte_mask(image, True, LdrParams(specular="bright")).tolist() == [[True, False, True]]
     assert matte_mask(image, True, LdrParams(specular="off")).all()

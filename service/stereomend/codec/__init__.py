@@ -10,6 +10,7 @@ from stereomend.codec.results import (
     PREVIEW_TYPE,
     check_calibrated,
     encode_result,
+    holds_confidences,
     media_type_for,
 )
 
@@ -25,6 +26,7 @@ __all__ = [
     "decode_image",
     "decode_mask",
     "encode_result",
+    "holds_confidences",
     "media_type_for",
     "preview_picture",
 ]

@@ -66,6 +66,11 @@ def check_calibrated(media_type: str, calibrated: bool) -> None:
         raise InvalidParameter(f"a point cloud ({PLY_TYPE}) needs focal_px and baseline_mm")
 
 
+def holds_confidences(media_type: str) -> bool:
+    """Whether a result in this media type tells confidences."""
+    return media_type in (ZIP_TYPE, PLY_TYPE)
+
+
 def encode_result(
     result: RefinementResult,
     media_type: str,

@@ -9,7 +9,7 @@ from functools import cache
 from time import perf_counter
 from typing import Any, NamedTuple, TypeVar
 
-from stereomend.codec import decode_disparity, decode_image, decode_mask, encode_result
+from stereomend.codec import decode_disparity, decode_image, decode_mask, encode_result, holds_confidences
 from stereomend.disparity import DisparityMap, Image, RefinementResult, StereoPair, check_same_size
 from stereomend.refinement import Backend, RefineParams, run
 
@@ -69,7 +69,8 @@ def perform(task: Task, backend: Backend, max_pixels: int) -> Answer:
         InvalidParameter: a point cloud without a calibration.
         DisparityOutOfRange: the result does not fit the media type.
     """
-    result, left = refine_files(task, task.params, backend, max_pixels)
+    confidences = holds_confidences(task.media_type)
+    result, left = refine_files(task, task.params, backend, max_pixels, confidences)
     began = perf_counter()
     body = encode_result(result, task.media_type, task.params.outputs, left)
     encode = 1e3 * (perf_counter() - began)
@@ -77,8 +78,10 @@ def perform(task: Task, backend: Backend, max_pixels: int) -> Answer:
     return Answer(body, task.media_type, result.meta, timings)
 
 
-def refine_files(files: Files, params: RefineParams, backend: Backend, max_pixels: int) -> Refined:
-    """Decode and refine; the result's timings have all keys of `TIMINGS`.
+def refine_files(
+    files: Files, params: RefineParams, backend: Backend, max_pixels: int, confidences: bool = True
+) -> Refined:
+    """Decode and refine; the result's timings have all keys of `TIMINGS`, `confidences` as of `run`.
 
     Raises:
         UnknownFormat, DamagedFile, TooManyPixels: a file cannot be used.
@@ -88,7 +91,7 @@ def refine_files(files: Files, params: RefineParams, backend: Backend, max_pixel
     began = perf_counter()
     pair, upload = _decode(files, params.disparity_scale, max_pixels)
     decoded = perf_counter()
-    result = run(pair, upload, params, backend)
+    result = run(pair, upload, params, backend, confidences)
     spent = {"decode": 1e3 * (decoded - began), "total": 1e3 * (perf_counter() - began)}
     known = result.timings | spent
     return Refined(replace(result, timings={name: known.get(name, 0.0) for name in TIMINGS}), pair.left)

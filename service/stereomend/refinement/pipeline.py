@@ -70,11 +70,16 @@ def refine(  # noqa: PLR0913 - the same names as `Client.refine`, and what compu
 
 
 def run(
-    pair: StereoPair, upload: DisparityMap | None, params: RefineParams, backend: Backend
+    pair: StereoPair,
+    upload: DisparityMap | None,
+    params: RefineParams,
+    backend: Backend,
+    confidences: bool = True,
 ) -> RefinementResult:
     """Refine a disparity map; `upload` None starts from the matcher, or zero if the parameters say so.
 
-    The result's `timings` hold `initial`, `ldr` and `gdr` in ms. Raises as `refine`.
+    Without `confidences`, which few answers hold, both are NaN everywhere. The result's `timings` hold
+    `initial`, `ldr` and `gdr` in ms. Raises as `refine`.
     """
     if upload is not None:
         check_same_size("disparity", upload.shape, "left", pair.shape)
@@ -89,7 +94,8 @@ def run(
     with _timed(timings, "gdr", "gdr" in params.stages):
         if "gdr" in params.stages:
             refined = refine_globally(scene, local.u, params.gdr, backend)
-    return assemble(Trace(pair, scene, start, confidence, local, refined), params, backend, timings)
+    trace = Trace(pair, scene, start, confidence, local, refined)
+    return assemble(trace, params, backend, timings, confidences)
 
 
 def _start(

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from stereomend.disparity import Mask, Provenance
-from stereomend.refinement.backends import Backend, Plane
+from stereomend.refinement.backends import Backend, Plane, Reading
 from stereomend.refinement.pyramid import Sparse
 from stereomend.refinement.scene import Scene
 
@@ -20,7 +20,7 @@ _CLEARLY_BETTER = 0.75  # a residual this much smaller is no chance
 _FEW = 0.1  # a mean over fewer of the valid pixels says little
 _SCALES = (1 / 256, 1 / 16, 1 / 4, 1 / 2, 2, 4, 16, 256)
 _OFFSETS = (-4, -2, -1, 1, 2, 4)  # rows at working size
-_BANDS = 8
+_BANDS = 5
 _BAND_ROWS = 8  # the outer two are described with rows of another band
 
 
@@ -56,30 +56,34 @@ def shares_of(provenance: npt.NDArray[np.uint8]) -> dict[str, float]:
     return {kind.name.lower(): count / provenance.size for kind, count in counts.items()}
 
 
-def residual(scene: Scene, sparse: Sparse, backend: Backend) -> float | None:
+def residuals(left: Plane, readings: Sequence[Reading], backend: Backend) -> list[float | None]:
     """Mean distance of the descriptors, 0 to 2, over valid observed pixels; None where these are few."""
-    mean, count = backend.mismatch(scene.left, scene.right, sparse.u, sparse.valid)
-    return mean if count and count >= _FEW * np.count_nonzero(sparse.valid) else None
+    return [
+        mean if count and count >= _FEW * np.count_nonzero(reading.valid) else None
+        for reading, (mean, count) in zip(readings, backend.mismatch(left, readings), strict=True)
+    ]
 
 
 def warnings_of(scene: Scene, initial: Sparse, refined: Sparse, backend: Backend) -> Iterator[str]:
     """Name what looks wrong with the input: where another reading of it explains the pair clearly better."""
     rows = _sample_rows(scene.size[0])
     initial, refined = _only(initial, rows), _only(refined, rows)
-    scene_now = _rows_of(scene, rows)
-    shifted = (residual(_rows_of(scene, rows, by), refined, backend) for by in _OFFSETS)
-    if _doubted(residual(scene_now, refined, backend), shifted):
+    # The first of each is what it looks like now.
+    moved = [Reading(_below(scene.right, rows, by), *refined) for by in (0, *_OFFSETS)]
+    right = moved[0].right
+    scaled = [Reading(right, initial.u * scale, initial.valid) for scale in (1, -1, *_SCALES)]
+    found = residuals(scene.left[rows], (*moved, *scaled), backend)
+    (as_moved, *others), (as_scaled, mirrored, *rescaled) = found[: len(moved)], found[len(moved) :]
+    if _doubted(as_moved, others):
         yield "not-rectified"
-    now = residual(scene_now, initial, backend)
-    if _doubted(now, [residual(scene_now, Sparse(-initial.u, initial.valid), backend)]):
+    if _doubted(as_scaled, [mirrored]):
         yield "views-swapped"
-    scaled = (Sparse(initial.u * scale, initial.valid) for scale in _SCALES)
-    if _doubted(now, (residual(scene_now, sparse, backend) for sparse in scaled)):
+    if _doubted(as_scaled, rescaled):
         yield "scale-suspect"
 
 
 def _doubted(now: float | None, others: Iterable[float | None]) -> bool:
-    """Whether one of the other readings leaves a clearly smaller residual; they are asked for one by one."""
+    """Whether one of the other readings leaves a clearly smaller residual."""
     return now is not None and any(other is not None and other < _CLEARLY_BETTER * now for other in others)
 
 
@@ -90,10 +94,9 @@ def _sample_rows(height: int) -> npt.NDArray[np.intp]:
     return rows[rows < height]
 
 
-def _rows_of(scene: Scene, rows: npt.NDArray[np.intp], offset: int = 0) -> Scene:
-    """The sampled rows, those of the right image `offset` further down."""
-    shifted = np.clip(rows + offset, 0, scene.size[0] - 1)
-    return scene._replace(left=scene.left[rows], right=scene.right[shifted])
+def _below(image: Plane, rows: npt.NDArray[np.intp], offset: int) -> Plane:
+    """The sampled rows of an image, each taken `offset` further down."""
+    return image[np.clip(rows + offset, 0, image.shape[0] - 1)]
 
 
 def _only(sparse: Sparse, rows: npt.NDArray[np.intp]) -> Sparse:

@@ -11,11 +11,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from stereomend.disparity import FloatMap, RefinementResult, StereoPair
-from stereomend.refinement.backends import Backend, Plane, Size
+from stereomend.refinement.backends import Backend, Plane, Reading, Size
 from stereomend.refinement.ldr import Local, confidence_of
 from stereomend.refinement.params import Initial, RefineParams
 from stereomend.refinement.pyramid import Sparse, enlarge_disparity, enlarge_mask, level_sizes
-from stereomend.refinement.quality import Origin, provenance_of, residual, shares_of, warnings_of
+from stereomend.refinement.quality import Origin, provenance_of, residuals, shares_of, warnings_of
 from stereomend.refinement.scene import Scene
 
 
@@ -40,26 +40,41 @@ class Trace(NamedTuple):
 
 
 def assemble(
-    trace: Trace, params: RefineParams, backend: Backend, timings: dict[str, float]
+    trace: Trace, params: RefineParams, backend: Backend, timings: dict[str, float], confidences: bool = True
 ) -> RefinementResult:
-    """Bring the outcome back to input size and describe it."""
+    """Bring the outcome back to input size and describe it; without `confidences` these are NaN."""
     initial, pair = trace.start.full, trace.pair
     origin = Origin(initial, initial.valid & enlarge_mask(trace.local.inliers, pair.shape), pair.mask)
     disparity = _at_input_size(trace, origin, params, backend)
     refined = Sparse(trace.refined, trace.scene.shown(trace.refined > 0))
-    confidence = _enlarged(confidence_of(refined, trace.scene, params.ldr, backend), pair.shape, backend)
+    planes = _confidences(trace, refined, params, backend) if confidences else _not_asked_for(pair.shape)
     quality = _quality(trace, refined, params, backend)
     provenance = provenance_of(disparity, origin, backend)
     shares = {"valid_in": np.count_nonzero(initial.valid) / initial.valid.size} | shares_of(provenance)
     return RefinementResult(
         disparity=disparity,
-        confidence=_of_the_scene(confidence, pair),
+        confidence=planes[0],
         provenance=provenance,
-        input_confidence=_enlarged(trace.confidence, pair.shape, backend) * initial.valid,
+        input_confidence=planes[1],
         depth_mm=_depth(disparity, pair, params),
         timings=timings,
         meta=_describe(trace, params, backend) | {"quality": shares | quality},
     )
+
+
+def _confidences(
+    trace: Trace, refined: Sparse, params: RefineParams, backend: Backend
+) -> tuple[FloatMap, FloatMap]:
+    """Of the result and of its input."""
+    size = trace.pair.shape
+    confidence = confidence_of(refined, trace.scene, params.ldr, backend)
+    of_input = _enlarged(trace.confidence, size, backend) * trace.start.full.valid
+    return _of_the_scene(_enlarged(confidence, size, backend), trace.pair), of_input
+
+
+def _not_asked_for(size: Size) -> tuple[FloatMap, FloatMap]:
+    plane = np.broadcast_to(np.float32(np.nan), size)
+    return plane, plane
 
 
 def _depth(disparity: FloatMap, pair: StereoPair, params: RefineParams) -> FloatMap | None:
@@ -103,10 +118,12 @@ def _version() -> str:
 
 def _quality(trace: Trace, refined: Sparse, params: RefineParams, backend: Backend) -> dict[str, Any]:
     levels = len(level_sizes(trace.scene.size, params.gdr.levels)) if "gdr" in params.stages else 0
+    readings = [Reading(trace.scene.right, *sparse) for sparse in (trace.start.working, refined)]
+    before, after = residuals(trace.scene.left, readings, backend)
     return {
         "levels": levels,
-        "residual_before": residual(trace.scene, trace.start.working, backend),
-        "residual_after": residual(trace.scene, refined, backend),
+        "residual_before": before,
+        "residual_after": after,
         "warnings": list(_warnings(trace, refined, params, backend)),
     }
 

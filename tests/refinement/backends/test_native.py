@@ -10,7 +10,7 @@ import pytest
 
 from stereomend import _native
 from stereomend.refinement import parse_params, select_backend
-from stereomend.refinement.backends.base import Usable
+from stereomend.refinement.backends.base import Reading, Usable
 from stereomend.refinement.backends.reference import distance
 from stereomend.refinement.params import LdrParams
 
@@ -75,11 +75,11 @@ def test_disparities_out_of_the_image_match_the_reference(native, reference):
 
 @pytest.mark.parametrize("size", SIZES)
 def test_the_mismatch_matches_the_reference(size, native, reference):
-    state, rng = make_state(size), np.random.default_rng(12)
-    for share in (1.0, 0.7, 0.02):
-        valid = rng.random(size) < share
-        mean, count = native.mismatch(*state, valid)
-        expected, seen = reference.mismatch(*state, valid)
+    (left, right, u), rng = make_state(size), np.random.default_rng(12)
+    valid = [rng.random(size) < share for share in (1.0, 0.7, 0.02)]
+    readings = [Reading(right, u, valid[0]), Reading(left, -u, valid[1]), Reading(right, u / 2, valid[2])]
+    for reading, (mean, count) in zip(readings, native.mismatch(left, readings), strict=True):
+        [(expected, seen)] = reference.mismatch(left, [reading])
         assert count == seen
         assert mean == pytest.approx(expected, abs=1e-4)
 
@@ -92,7 +92,7 @@ def test_the_mismatch_of_one_pixel_is_the_distance_of_its_descriptors(size, nati
     for at in np.random.default_rng(13).permutation(seen)[:200]:
         only = np.zeros(size, bool)
         only.flat[at] = True
-        mean, count = native.mismatch(left, right, u, only)
+        [(mean, count)] = native.mismatch(left, [Reading(right, u, only)])
         assert count == 1
         assert abs(mean - distances.flat[at]) < 2e-3
 
@@ -100,8 +100,9 @@ def test_the_mismatch_of_one_pixel_is_the_distance_of_its_descriptors(size, nati
 def test_the_mismatch_of_nothing_is_0(native, reference):
     left, right, u = make_state((5, 7))
     nothing = np.zeros((5, 7), bool)
-    assert native.mismatch(left, right, u, nothing) == reference.mismatch(left, right, u, nothing) == (0.0, 0)
-    assert native.mismatch(left, right, u + 100, ~nothing) == (0.0, 0)
+    readings = [Reading(right, u, nothing), Reading(right, u + 100, ~nothing)]
+    assert native.mismatch(left, readings) == reference.mismatch(left, readings) == [(0.0, 0), (0.0, 0)]
+    assert native.mismatch(left, []) == reference.mismatch(left, []) == []
 
 
 @pytest.mark.parametrize("size", SIZES)
@@ -160,7 +161,7 @@ def test_results_are_bitwise_equal_for_any_number_of_threads(size, preset):
         solved = backend.solve(left, right, filled, params.gdr)
         results.append(
             [plane.tobytes() for plane in (confidence, filled, solved)]
-            + [backend.mismatch(left, right, u, usable.matte)]
+            + backend.mismatch(left, [Reading(right, u, usable.matte), Reading(left, solved, usable.valid)])
         )
     assert results[0] == results[1] == results[2]
 
@@ -187,11 +188,11 @@ def test_the_kernels_refuse_what_does_not_fit():
     plane, narrow = np.zeros((4, 5), np.float32), np.zeros((4, 4), np.float32)
     engine = _native.Engine(1)
     with pytest.raises(ValueError, match="differ in shape"):
-        engine.mismatch(plane, narrow, plane, plane > 0)
+        engine.mismatch(plane, [(plane, plane, plane > 0), (narrow, plane, plane > 0)])
     with pytest.raises(ValueError, match="no pixel"):
-        engine.mismatch(plane[:0], plane[:0], plane[:0], plane[:0] > 0)
+        engine.mismatch(plane[:0], [(plane[:0], plane[:0], plane[:0] > 0)])
     with pytest.raises(TypeError):
-        engine.mismatch(plane.astype(np.float64), plane, plane, plane > 0)
+        engine.mismatch(plane, [(plane, plane.astype(np.float64), plane > 0)])
     with pytest.raises(ValueError, match="threads"):
         _native.Engine(0)
     even = _native.ConfidenceParams(window=4, smoothness_weight=1, smoothness_power=1, photometric_weight=1)

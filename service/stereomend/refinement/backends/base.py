@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -24,6 +25,15 @@ class Usable(NamedTuple):
     """The disparity is known."""
     matte: Mask
     """No specular highlight."""
+
+
+class Reading(NamedTuple):
+    """One way to see a left image, each (H, W)."""
+
+    right: Plane
+    u: Plane
+    valid: Mask
+    """Which pixels count."""
 
 
 class Backend(Protocol):
@@ -68,10 +78,10 @@ class Backend(Protocol):
         """
         ...
 
-    def mismatch(self, left: Plane, right: Plane, u: Plane, valid: Mask) -> tuple[float, int]:
+    def mismatch(self, left: Plane, readings: Sequence[Reading]) -> list[tuple[float, int]]:
         """Mean Euclidean distance, 0 to 2, of left and warped right signed descriptors; of how many pixels.
 
-        Of those that are valid and not `unobserved`; (0, 0) where none is.
+        For each reading, of those that are valid and not `unobserved`; (0, 0) where none is.
         """
         ...
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ import numpy.typing as npt
 from stereomend import _native
 from stereomend.disparity import FloatMap, Mask
 from stereomend.opencv import cv2
-from stereomend.refinement.backends.base import Plane, Size, Usable
+from stereomend.refinement.backends.base import Plane, Reading, Size, Usable
 from stereomend.refinement.params import GdrParams, LdrParams
 
 
@@ -67,9 +68,10 @@ class NativeBackend:
         share = None if weight is None else self.plane(weight)
         return self._engine.solve(self.plane(left), self.plane(right), self.plane(u), share, constants)
 
-    def mismatch(self, left: Plane, right: Plane, u: Plane, valid: Mask) -> tuple[float, int]:
+    def mismatch(self, left: Plane, readings: Sequence[Reading]) -> list[tuple[float, int]]:
         """See `Backend.mismatch`."""
-        return self._engine.mismatch(self.plane(left), self.plane(right), self.plane(u), valid)
+        planes = [(self.plane(right), self.plane(u), valid) for right, u, valid in readings]
+        return self._engine.mismatch(self.plane(left), planes)
 
     def unobserved(self, u: Plane) -> Mask:
         """See `Backend.unobserved`."""

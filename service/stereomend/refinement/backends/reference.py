@@ -6,13 +6,14 @@ Algorithm 1 of Chambolle and Pock, J. Math. Imaging Vis. 40, 2011, with theta = 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from stereomend.disparity import Mask
-from stereomend.refinement.backends.base import Plane, Size, Usable
+from stereomend.refinement.backends.base import Plane, Reading, Size, Usable
 from stereomend.refinement.params import GdrParams, LdrParams
 
 Array = npt.NDArray[np.float64]
@@ -80,12 +81,15 @@ class ReferenceBackend:
             u, p = iterate(u, p, (share * a, share * b), params)
         return u
 
-    def mismatch(self, left: Plane, right: Plane, u: Plane, valid: Mask) -> tuple[float, int]:
+    def mismatch(self, left: Plane, readings: Sequence[Reading]) -> list[tuple[float, int]]:
         """See `Backend.mismatch`."""
-        seen = valid & ~self.unobserved(u)
+        return [self._mismatch(self.plane(left), reading) for reading in readings]
+
+    def _mismatch(self, left: Array, reading: Reading) -> tuple[float, int]:
+        seen = reading.valid & ~self.unobserved(reading.u)
         if not seen.any():
             return 0.0, 0
-        distances = distance(self.plane(left), self.plane(right), self.plane(u))
+        distances = distance(left, self.plane(reading.right), self.plane(reading.u))
         return float(distances[seen].mean()), int(np.count_nonzero(seen))
 
     def unobserved(self, u: Plane) -> Mask:
