@@ -29,7 +29,7 @@ def main() -> None:
     width, height = map(int, given.size.split("x"))
     levels = {"levels": given.levels}
     print(f"{'preset':10s}{'seed':>5s}{'near upload':>13s}{'refined':>9s}{'from zero':>11s}{'factor':>8s}")
-    for preset in ("released", "paper"):
+    for preset in ("released", "paper", "robust"):
         factors = []
         for seed in SEEDS:
             phantom = make_phantom(seed, width, height, max_disparity=180)

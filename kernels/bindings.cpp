@@ -72,9 +72,13 @@ public:
         : engine_(check_threads(threads), instruction_set) {}
 
     Output<float> solve(const Plane& left, const Plane& right, const Plane& u, const std::optional<Plane>& weight,
-                        const SolverParams& params) {
-        check_same_shape(left, right, u, weight ? *weight : u);
-        const Level level = level_of(left, right, weight ? weight->data() : nullptr);
+                        const SolverParams& params, const std::optional<Plane>& edge, const std::optional<Plane>& prior,
+                        const std::optional<Plane>& trust) {
+        check_same_shape(left, right, u, weight ? *weight : u, edge ? *edge : u, prior ? *prior : u, trust ? *trust : u);
+        Level level = level_of(left, right, weight ? weight->data() : nullptr);
+        level.edge = edge ? edge->data() : nullptr;
+        level.prior = prior ? prior->data() : nullptr;
+        level.trust = trust ? trust->data() : nullptr;
         Output<float> out = copy_of<float>(u);
         nb::gil_scoped_release unlocked;
         engine_.solve(level, params, out.data());
@@ -95,6 +99,33 @@ public:
         for (const auto& [sum, count] : engine_.mismatch(size_of(left), left.data(), readings))
             means.emplace_back(count > 0 ? sum / static_cast<double>(count) : 0.0, count);
         return means;
+    }
+
+    Output<float> similarity(const Plane& left, const Plane& right, const Plane& u) {
+        check_same_shape(left, right, u);
+        const Level level = level_of(left, right, nullptr);
+        Output<float> out = new_plane<float>(left.shape(0), left.shape(1));
+        nb::gil_scoped_release unlocked;
+        engine_.similarity(level, u.data(), out.data());
+        return out;
+    }
+
+    std::pair<Output<float>, Output<bool>> fill_occlusions(const Plane& u, const Flags& known, float step,
+                                                           float stretch, float slack) {
+        check_same_shape(u, known);
+        Output<float> out = copy_of<float>(u);
+        Output<bool> filled = new_plane<bool>(u.shape(0), u.shape(1));
+        nb::gil_scoped_release unlocked;
+        engine_.fill_occlusions({size_of(u), out.data(), known.data()}, {step, stretch, slack}, filled.data());
+        return {out, filled};
+    }
+
+    Output<bool> reach(const Flags& seeds, const Flags& passing, const Flags& soft, const Plane& u, float step) {
+        check_same_shape(u, seeds, passing, soft);
+        Output<bool> out = copy_of<bool>(seeds);
+        nb::gil_scoped_release unlocked;
+        engine_.reach({size_of(u), u.data(), passing.data(), soft.data(), step}, out.data());
+        return out;
     }
 
     Output<bool> unobserved(const Plane& u) {
@@ -131,7 +162,7 @@ private:
 
     static Level level_of(const Plane& left, const Plane& right, const float* weight) {
         const Size size = size_of(left);
-        return {size.width, size.height, left.data(), right.data(), weight};
+        return {size.width, size.height, left.data(), right.data(), weight, nullptr, nullptr, nullptr};
     }
 
     stereomend::Engine engine_;
@@ -172,16 +203,25 @@ NB_MODULE(_native, m) {
           "float32 multiply-adds of all threads together [GFlop/s].");
     m.def("unfilter", &unfilter, "filtered"_a.noconvert(), "height"_a, "stride"_a, "bytes_per_pixel"_a,
           "The bytes of a PNG's samples, (height, stride), from height rows of 1 + stride filtered ones.");
-    nb::class_<SolverParams>(m, "SolverParams", "data_weight, huber_epsilon, tau, sigma, warps, iterations, absolute.")
-        .def(nb::init<float, float, float, float, int, int, bool>(), nb::kw_only(), "data_weight"_a,
-             "huber_epsilon"_a, "tau"_a, "sigma"_a, "warps"_a, "iterations"_a, "absolute"_a);
+    nb::class_<SolverParams>(m, "SolverParams", "data_weight, huber_epsilon, tau, sigma, warps, iterations, absolute, observed_only, averaging.")
+        .def(nb::init<float, float, float, float, int, int, bool, bool, float>(), nb::kw_only(), "data_weight"_a,
+             "huber_epsilon"_a, "tau"_a, "sigma"_a, "warps"_a, "iterations"_a, "absolute"_a,
+             "observed_only"_a = false, "averaging"_a = 0.0f);
     nb::class_<ConfidenceParams>(m, "ConfidenceParams", "Of Eq. 1 and 2; the window in px.")
         .def(nb::init<int, float, int, float>(), nb::kw_only(), "window"_a, "smoothness_weight"_a,
              "smoothness_power"_a, "photometric_weight"_a);
     nb::class_<PyEngine>(m, "Engine", "The kernels with threads and buffers of their own; one call at a time.")
         .def(nb::init<int, const std::string&>(), "threads"_a, "instruction_set"_a = "")
         .def("solve", &PyEngine::solve, "left"_a.noconvert(), "right"_a.noconvert(), "u"_a.noconvert(),
-             "weight"_a.noconvert().none(), "params"_a, "All warps of one level; returns the new u.")
+             "weight"_a.noconvert().none(), "params"_a, "edge"_a.noconvert().none() = nb::none(),
+             "prior"_a.noconvert().none() = nb::none(), "trust"_a.noconvert().none() = nb::none(),
+             "All warps of one level; returns the new u.")
+        .def("similarity", &PyEngine::similarity, "left"_a.noconvert(), "right"_a.noconvert(), "u"_a.noconvert(),
+             "The inner product of the descriptors at every pixel.")
+        .def("fill_occlusions", &PyEngine::fill_occlusions, "u"_a.noconvert(), "known"_a.noconvert(), "step"_a,
+             "stretch"_a, "slack"_a, "u with its occlusions filled, and which pixels those are.")
+        .def("reach", &PyEngine::reach, "seeds"_a.noconvert(), "passing"_a.noconvert(), "soft"_a.noconvert(),
+             "u"_a.noconvert(), "step"_a, "What can be reached from the seeds.")
         .def("mismatch", &PyEngine::mismatch, "left"_a.noconvert(), "readings"_a.noconvert(),
              "Mean distance of the descriptors over valid observed pixels, and their number, of each reading.")
         .def("unobserved", &PyEngine::unobserved, "u"_a.noconvert(), "What the right image does not show.")

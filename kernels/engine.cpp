@@ -1,6 +1,7 @@
 #include "engine.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <functional>
 #include <stdexcept>
 
@@ -54,6 +55,20 @@ int lap_length(const Level& level, const SolverParams& params, int crew) {
     return static_cast<int>(std::max(1L, std::min({fair, in_cache, level.height / (4L * crew)})));
 }
 
+// A Gaussian cut off at twice its standard deviation [px].
+Window window_of(float deviation) {
+    Window window{0, {1.0f}};
+    if (deviation <= 0.0f) return window;
+    window.radius = std::min(kMostTaps - 1, static_cast<int>(std::ceil(2.0f * deviation)));
+    float sum = 0.0f;
+    for (int i = 0; i <= window.radius; ++i) {
+        window.taps[i] = std::exp(-0.5f * i * i / (deviation * deviation));
+        sum += i == 0 ? window.taps[i] : 2.0f * window.taps[i];
+    }
+    for (int i = 0; i <= window.radius; ++i) window.taps[i] /= sum;
+    return window;
+}
+
 Laps plan_laps(const Level& level, const SolverParams& params, int crew) {
     const int length = lap_length(level, params, crew);
     return {length, (params.iterations + length - 1) / length, crew};
@@ -93,14 +108,15 @@ void Engine::reserve(int width, size_t rows) {
 Level Engine::padded(const Level& level) {
     reserve(level.width, level.height);
     pad(level.right, level.width, {0, level.height}, right_.data());
-    return {level.width, level.height, level.left, right_.data(), level.weight};
+    return {level.width, level.height, level.left, right_.data(), level.weight, level.edge, level.prior, level.trust};
 }
 
 void Engine::prepare(const Level& level, float* u) {
     const size_t pixels = static_cast<size_t>(level.width) * level.height;
-    planes_.resize(std::max(planes_.size(), 5 * pixels));
+    planes_.resize(std::max(planes_.size(), 9 * pixels));
     float* at = planes_.data();
-    state_ = {u, at, at + pixels, at + 2 * pixels, at + 3 * pixels, at + 4 * pixels};
+    state_ = {u, at, at + pixels, at + 2 * pixels, at + 3 * pixels, at + 4 * pixels,
+              at + 5 * pixels, at + 6 * pixels, at + 7 * pixels, at + 8 * pixels};
     std::fill(state_.p_x, state_.p_x + 2 * pixels, 0.0f);
 }
 
@@ -111,14 +127,24 @@ void Engine::solve(const Level& unpadded, const SolverParams& params, float* u) 
     const long pixels = static_cast<long>(level.width) * level.height;
     const int crew = pixels < kAlone ? 1 : team_.size();
     const Laps laps = plan_laps(level, params, crew);
+    const Window window = window_of(params.averaging);
+    const bool guided = level.prior || params.observed_only || params.averaging > 0.0f;
     if (progress_.size() < static_cast<size_t>(laps.count)) progress_ = std::vector<Progress>(laps.count);
     const auto body = [&](int member) {
         if (member >= crew) return;
         float* own = scratch_.data() + scratch_floats(level.width) * member;
+        const Rows rows = band(level.height, member, crew);
+        if (level.edge) sweeps_.prepare_edges(level, state_, params, rows);
         for (int warp = 0; warp < params.warps; ++warp) {
             for (int lap = member; lap < laps.count; lap += crew)
                 progress_[lap].rows.store(0, std::memory_order_relaxed);
-            sweeps_.linearise(level, state_, params, band(level.height, member, crew), own);
+            if (guided) {
+                sweeps_.gather(level, state_, params, window, rows, own);
+                if (crew > 1) team_.meet();
+                sweeps_.settle(level, state_, params, window, rows);
+            } else {
+                sweeps_.linearise(level, state_, params, rows, own);
+            }
             if (crew > 1) team_.meet();
             if (crew == 1 || pixels >= kFollow) wave(level, params, laps, member);
             else sweep(level, params, member);
@@ -226,6 +252,26 @@ void Engine::confidence(const ConfidenceInput& input, const ConfidenceParams& pa
 void Engine::fill(const Holes& map, int steps, int passes) {
     const std::lock_guard<std::mutex> lock(mutex_);
     stereomend::fill(map, steps, passes, ldr_);
+}
+
+void Engine::similarity(const Level& unpadded, const float* u, float* out) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    const Level level = padded(unpadded);
+    const auto body = [&](int member) {
+        float* own = scratch_.data() + scratch_floats(level.width) * member;
+        sweeps_.similarity(level, u, band(level.height, member, team_.size()), own, out);
+    };
+    team_.run(std::ref(body));
+}
+
+void Engine::fill_occlusions(const Holes& map, const OcclusionRule& rule, bool* filled) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    stereomend::fill_occlusions(map, rule, filled, ldr_);
+}
+
+void Engine::reach(const Terrain& terrain, bool* reached) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    stereomend::reach(terrain, reached, ldr_);
 }
 
 }  // namespace stereomend

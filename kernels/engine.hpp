@@ -54,7 +54,12 @@ public:
     // Writes which pixels the right image does not show [out, (height, width)]; see ldr_sweeps.hpp.
     void unobserved(Size size, const float* u, bool* out);
 
+    // Writes the inner product of the descriptors at every pixel, -1 to 1 [out, (height, width)].
+    void similarity(const Level& level, const float* u, float* out);
+
     // See ldr.hpp.
+    void fill_occlusions(const Holes& map, const OcclusionRule& rule, bool* filled);
+    void reach(const Terrain& terrain, bool* reached);
     void confidence(const ConfidenceInput& input, const ConfidenceParams& params, float* out);
     void fill(const Holes& map, int steps, int passes);
 

@@ -199,4 +199,28 @@ void fill(const Holes& map, int steps, int passes, const Crew& crew) {
     std::copy(search.w, search.w + pixels, map.u);
 }
 
+void fill_occlusions(const Holes& map, const OcclusionRule& rule, bool* filled, const Crew& crew) {
+    const auto body = [&](int member) {
+        const Rows rows = band(map.size.height, member, crew.team.size());
+        for (int y = rows.begin; y < rows.end; ++y) {
+            const long o = offset_of(map.size, y);
+            crew.sweeps.fill_occlusions(map.u + o, map.known + o, map.size.width, rule, filled + o);
+        }
+    };
+    crew.team.run(std::ref(body));
+}
+
+void reach(const Terrain& terrain, bool* reached, const Crew& crew) {
+    const auto body = [&](int member) {
+        const Rows rows = band(terrain.size.height, member, crew.team.size());
+        for (int y = rows.begin; y < rows.end; ++y) crew.sweeps.reach_along(terrain, y, reached);
+        crew.team.meet();
+        const Rows columns = band(terrain.size.width, member, crew.team.size());
+        for (int y = 1; y < terrain.size.height; ++y) crew.sweeps.reach_across(terrain, y - 1, y, columns, reached);
+        for (int y = terrain.size.height - 2; y >= 0; --y)
+            crew.sweeps.reach_across(terrain, y + 1, y, columns, reached);
+    };
+    crew.team.run(std::ref(body));
+}
+
 }  // namespace stereomend

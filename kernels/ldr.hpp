@@ -35,4 +35,11 @@ struct Holes {
 // leftmost, then the upper). With nothing known, u stays as it is.
 void fill(const Holes& map, int steps, int passes, const Crew& crew);
 
+// Replaces the occlusions of u by the value on their left; says which pixels those are [out].
+void fill_occlusions(const Holes& map, const OcclusionRule& rule, bool* filled, const Crew& crew);
+
+// What can be reached [in/out] from what is reached already: along every row to the right and to the left, then down
+// and up every column.
+void reach(const Terrain& terrain, bool* reached, const Crew& crew);
+
 }  // namespace stereomend

@@ -171,8 +171,46 @@ void unobserved_row(const float* u, int width, bool* out) {
     }
 }
 
+void fill_occlusions(float* u, const bool* known, int width, const OcclusionRule& rule, bool* filled) {
+    for (int x = 0; x < width; ++x) filled[x] = false;
+    for (int begin = 1; begin < width; ++begin) {
+        if (known[begin] | !known[begin - 1]) continue;
+        int end = begin;
+        while (end < width && !known[end]) ++end;
+        const float left = u[begin - 1];
+        const float jump = end < width ? u[end] - left : 0.0f;
+        if (jump > rule.step && static_cast<float>(end - begin) <= rule.stretch * jump + rule.slack)
+            for (int x = begin; x < end; ++x) {
+                u[x] = left;
+                filled[x] = true;
+            }
+        begin = end;
+    }
+}
+
+PIXEL_FN bool passes(const Terrain& terrain, long from, long to) {
+    const bool near = fabsf(terrain.u[to] - terrain.u[from]) <= terrain.step;
+    return terrain.passing[to] & (near | terrain.soft[to] | terrain.soft[from]);
+}
+
+void reach_along(const Terrain& terrain, int y, bool* reached) {
+    const long begin = offset_of(terrain.size, y);
+    const long end = begin + terrain.size.width;
+    for (long i = begin + 1; i < end; ++i) reached[i] |= reached[i - 1] & passes(terrain, i - 1, i);
+    for (long i = end - 2; i >= begin; --i) reached[i] |= reached[i + 1] & passes(terrain, i + 1, i);
+}
+
+void reach_across(const Terrain& terrain, int from, int y, Rows columns, bool* reached) {
+    const long source = offset_of(terrain.size, from);
+    const long target = offset_of(terrain.size, y);
+#pragma GCC ivdep
+    for (int x = columns.begin; x < columns.end; ++x)
+        reached[target + x] |= reached[source + x] & passes(terrain, source + x, target + x);
+}
+
 }  // namespace
 
-extern const LdrSweeps LDR_SWEEPS = {unobserved_row, sum_along, confidence_row, look, look_along, fill_row};
+extern const LdrSweeps LDR_SWEEPS = {unobserved_row, sum_along, confidence_row, look, look_along, fill_row,
+                                    fill_occlusions, reach_along, reach_across};
 
 }  // namespace stereomend

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "pixel.cuh"
+#include "sweeps.hpp"
 
 namespace stereomend {
 
@@ -36,6 +37,24 @@ struct WindowSums {
 // Stands for "nothing known": in a hole of a map, and where a search met nothing.
 constexpr float kNone = __builtin_inff();
 
+// When a run of unknown pixels is an occlusion: the value on its right exceeds the one on its left by more than `step`
+// [px], and it is no longer than `stretch` [1] times that difference plus `slack` [px].
+struct OcclusionRule {
+    float step;
+    float stretch;
+    float slack;
+};
+
+// A map that can be walked on: from a pixel to the next if that is passing, and the disparity [px] changes by at most
+// `step`, or either of the two is soft.
+struct Terrain {
+    Size size;
+    const float* u;
+    const bool* passing;
+    const bool* soft;
+    float step;
+};
+
 struct LdrSweeps {
     // Which pixels of a row of disparities [px] the right image does not show: their match lies outside of it, or a
     // pixel further right lands at least 1 px left of it [out].
@@ -52,6 +71,12 @@ struct LdrSweeps {
     void (*look_along)(const float* w, float limit, int width, float* east, float* west);
     // Replaces holes of w by the median of what was met in eight directions; returns whether any hole remains.
     bool (*fill_row)(const float* const met[8], int width, float* w);
+    // Replaces the occlusions of a row of u [in/out] by the value on their left; says which pixels those are [out].
+    void (*fill_occlusions)(float* u, const bool* known, int width, const OcclusionRule&, bool* filled);
+    // Spreads what is reached [in/out] along row y, to the right and then to the left.
+    void (*reach_along)(const Terrain&, int y, bool* reached);
+    // Spreads it from row y - 1 or y + 1 (`from`) into row y, for the columns of [begin, end).
+    void (*reach_across)(const Terrain&, int from, int y, Rows columns, bool* reached);
 };
 
 extern const LdrSweeps ldr_sweeps_v2;

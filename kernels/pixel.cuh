@@ -30,6 +30,8 @@ struct SolverParams {
     int warps;            // linearisations
     int iterations;       // primal-dual iterations per warp
     bool absolute;        // descriptors of absolute differences (Eq. 10 as printed)
+    bool observed_only;   // no data term where the right image does not show the pixel
+    float averaging;      // standard deviation of the window of the data term, 0 for none [px]
 };
 
 // Unlike fmaxf and fminf these need no library call for NaN, which never comes here.
@@ -111,6 +113,22 @@ PIXEL_FN void dual_step(float gradient_x, float gradient_y, float sigma, float s
     const float scale = 1.0f / sqrtf(larger(1.0f, x * x + y * y));
     *p_x = x * scale;
     *p_y = y * scale;
+}
+
+// The same with the unit ball replaced by one of radius `edge`; shrink is edge / (edge + sigma epsilon).
+PIXEL_FN void weighted_dual_step(float gradient_x, float gradient_y, float sigma, float shrink, float edge, float* p_x,
+                                 float* p_y) {
+    const float x = (*p_x + sigma * gradient_x) * shrink;
+    const float y = (*p_y + sigma * gradient_y) * shrink;
+    const float scale = edge / sqrtf(larger(edge * edge, x * x + y * y));
+    *p_x = x * scale;
+    *p_y = y * scale;
+}
+
+// The prox of threshold |u - prior| after the step of the data term.
+PIXEL_FN float towards(float u, float prior, float threshold) {
+    const float away = u - prior;
+    return prior + (larger(away - threshold, 0.0f) + smaller(away + threshold, 0.0f));
 }
 
 // u <- (u + tau div p - 2 lambda tau B) / (1 + 2 lambda tau A), with

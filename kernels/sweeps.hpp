@@ -14,6 +14,16 @@ struct Level {
     const float* left;
     const float* right;   // (height, width + 2): each row with its ends repeated
     const float* weight;  // of the data term, 0 to 1; null for 1 everywhere
+    const float* edge;    // of the Huber norm, over 0 to 1; null for 1 everywhere
+    const float* prior;   // [px]; null for none
+    const float* trust;   // weight of |u - prior| [1]; null exactly if prior is
+};
+
+// Half of a symmetric window that sums to 1: taps[0] is the centre. The data term is averaged over it.
+constexpr int kMostTaps = 9;
+struct Window {
+    int radius;  // 0 for none
+    float taps[kMostTaps];
 };
 
 // The solver's state at one level, each plane row-major (height, width).
@@ -24,6 +34,10 @@ struct State {
     float* p_y;
     float* a;      // of the linearised data term A u + B: 1 / (1 + 2 lambda tau A), so that no iteration divides
     float* b;      // and 2 lambda tau B
+    float* shrink;     // edge / (edge + sigma epsilon)
+    float* threshold;  // tau trust / (1 + 2 lambda tau A) [px]
+    float* sum_gg;     // of the data term, averaged along rows
+    float* sum_gr;
 };
 
 struct Rows {
@@ -31,16 +45,27 @@ struct Rows {
     int end;
 };
 
-// Floats of scratch that `linearise` and `distance` need: the descriptors of both images, three rows of the left one
-// and of the two parts of the warped one, and a row of places.
-constexpr size_t scratch_floats(int width) {
+// Floats that the descriptors of both images, three rows of the left one and of the two parts of the warped one, and
+// a row of places take.
+constexpr size_t descriptor_floats(int width) {
     return (2 * kNeighbours + 3 * 3 + 1) * (static_cast<size_t>(width) + 2);
+}
+
+// Floats of scratch that a member needs: descriptors, and three rows with room for the window.
+constexpr size_t scratch_floats(int width) {
+    return descriptor_floats(width) + 3 * (static_cast<size_t>(width) + 2 * kMostTaps);
 }
 
 // Row loops.
 struct Sweeps {
     // Warps the right image by u [in], describes both, writes a and b [out].
     void (*linearise)(const Level&, const State&, const SolverParams&, Rows, float* scratch);
+    // The same for a data term that is masked and averaged, in two steps: `gather` writes sum_gg and sum_gr [out];
+    // `settle`, when all rows are there, writes a, b and threshold [out] from the rows around its own.
+    void (*gather)(const Level&, const State&, const SolverParams&, const Window&, Rows, float* scratch);
+    void (*settle)(const Level&, const State&, const SolverParams&, const Window&, Rows);
+    // Writes shrink [out] once per level.
+    void (*prepare_edges)(const Level&, const State&, const SolverParams&, Rows);
     // Dual step of row y: reads rows y and y + 1 of the extrapolated plane (u in a warp's first iteration, else u_bar)
     // as the iteration before left them; updates p of row y [in/out].
     void (*dual)(const Level&, const State&, const SolverParams&, const float* extrapolated, int y);
@@ -50,6 +75,8 @@ struct Sweeps {
     // Writes for each of the rows the sum of the Euclidean distances of the signed descriptors, each 0 to 2, over the
     // pixels that are `seen` (height, width) [out, (height)].
     void (*distance)(const Level&, const float* u, const bool* seen, Rows, float* scratch, double* sums);
+    // Writes the inner product of the signed descriptors at every pixel of the rows, -1 to 1, 0 without contrast [out].
+    void (*similarity)(const Level&, const float* u, Rows, float* scratch, float* out);
 };
 
 extern const Sweeps sweeps_v2;

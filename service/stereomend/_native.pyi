@@ -26,6 +26,8 @@ class SolverParams:
         warps: int,
         iterations: int,
         absolute: bool,
+        observed_only: bool = False,
+        averaging: float = 0.0,
     ) -> None: ...
 
 class ConfidenceParams:
@@ -36,8 +38,21 @@ class ConfidenceParams:
 class Engine:
     def __init__(self, threads: int, instruction_set: str = "") -> None: ...
     def solve(
-        self, left: _Plane, right: _Plane, u: _Plane, weight: _Plane | None, params: SolverParams
+        self,
+        left: _Plane,
+        right: _Plane,
+        u: _Plane,
+        weight: _Plane | None,
+        params: SolverParams,
+        edge: _Plane | None = None,
+        prior: _Plane | None = None,
+        trust: _Plane | None = None,
     ) -> _Plane: ...
+    def similarity(self, left: _Plane, right: _Plane, u: _Plane) -> _Plane: ...
+    def fill_occlusions(
+        self, u: _Plane, known: _Flags, step: float, stretch: float, slack: float
+    ) -> tuple[_Plane, _Flags]: ...
+    def reach(self, seeds: _Flags, passing: _Flags, soft: _Flags, u: _Plane, step: float) -> _Flags: ...
     def mismatch(
         self, left: _Plane, readings: Sequence[tuple[_Plane, _Plane, _Flags]]
     ) -> list[tuple[float, int]]: ...

@@ -19,9 +19,10 @@ from stereomend.settings import load_settings
 
 SEED = 7
 RUNS = (
-    ("LDR alone, paper", {"stages": ["ldr"]}),
+    ("LDR alone, paper", {"preset": "paper", "stages": ["ldr"]}),
     ("released", {"preset": "released"}),
     ("paper", {"preset": "paper"}),
+    ("robust", {"preset": "robust"}),
 )
 
 _PROVENANCE_COLOURS = {

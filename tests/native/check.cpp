@@ -12,9 +12,11 @@ using stereomend::SolverParams;
 
 namespace {
 
-const SolverParams kPaper{0.5f, 0.1f, 0.25f, 0.5f, 4, 5, false};
-const SolverParams kReleased{0.375f, 0.1f, 0.25f, 0.5f, 2, 30, false};
-const SolverParams kAbsolute{0.5f, 0.1f, 0.25f, 0.5f, 1, 1, true};
+const SolverParams kPaper{0.5f, 0.1f, 0.25f, 0.5f, 4, 5, false, false, 0.0f};
+const SolverParams kReleased{0.375f, 0.1f, 0.25f, 0.5f, 2, 30, false, false, 0.0f};
+const SolverParams kAbsolute{0.5f, 0.1f, 0.25f, 0.5f, 1, 1, true, false, 0.0f};
+const SolverParams kRobust{0.9f, 0.1f, 0.25f, 0.5f, 3, 10, false, true, 3.5f};
+const SolverParams kWidest{0.9f, 0.1f, 0.25f, 0.5f, 1, 3, true, false, 4.0f};
 
 bool all_finite(const std::vector<float>& values) {
     for (const float value : values)
@@ -49,7 +51,7 @@ int main(int count, char** arguments) {
     int checked = 0;
     for (const Scene& scene : scenes)
         for (const std::string& name : stereomend::instruction_sets())
-            for (const SolverParams& params : {kPaper, kReleased, kAbsolute}) {
+            for (const SolverParams& params : {kPaper, kReleased, kAbsolute, kRobust, kWidest}) {
                 if (!check(scene, name, params)) return 1;
                 ++checked;
             }

@@ -50,11 +50,14 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
     Scene scene = noisy_scene(1 + bytes.upto(kLargestSide - 1), 1 + bytes.upto(kLargestSide - 1), bytes.next<uint8_t>());
     stereomend::Engine& engine = engines[bytes.upto(2)];
     const stereomend::SolverParams params{bytes.next<float>(), bytes.next<float>(), 0.25f, 0.5f,
-                                          bytes.upto(3),       bytes.upto(9),       bytes.upto(1) == 1};
-    for (std::vector<float>* plane : {&scene.left, &scene.right, &scene.u})
+                                          bytes.upto(3),       bytes.upto(9),       bytes.upto(1) == 1,
+                                          bytes.upto(1) == 1,  bytes.upto(16) / 4.0f};
+    for (std::vector<float>* plane : {&scene.left, &scene.right, &scene.u, &scene.weight, &scene.edge, &scene.prior,
+                                      &scene.trust})
         for (float& value : *plane)
             if (bytes.upto(7) == 0) value = bytes.next<float>();
-    for (uint8_t& flag : scene.known) flag = bytes.upto(1);
+    for (std::vector<uint8_t>* flags : {&scene.known, &scene.soft})
+        for (uint8_t& flag : *flags) flag = bytes.upto(1);
     unfilter_any(bytes);
     run_all(engine, scene, params);
     return 0;

@@ -12,10 +12,19 @@
 struct Scene {
     stereomend::Size size;
     std::vector<float> left, right, u;
-    std::vector<uint8_t> known;
+    std::vector<uint8_t> known, soft;
+    std::vector<float> weight, edge, prior, trust;
 
-    stereomend::Level level() const { return {size.width, size.height, left.data(), right.data(), nullptr}; }
+    stereomend::Level level() const {
+        return {size.width, size.height, left.data(), right.data(), nullptr, nullptr, nullptr, nullptr};
+    }
+    // With all that a solve can be told besides the pair.
+    stereomend::Level guided_level() const {
+        return {size.width,  size.height, left.data(),  right.data(),
+                weight.data(), edge.data(), prior.data(), trust.data()};
+    }
     const bool* flags() const { return reinterpret_cast<const bool*>(known.data()); }
+    const bool* soft_flags() const { return reinterpret_cast<const bool*>(soft.data()); }
 };
 
 // A small generator of its own: the same numbers everywhere.
@@ -30,14 +39,22 @@ struct Noise {
 
 inline Scene noisy_scene(int width, int height, uint32_t seed) {
     const size_t pixels = static_cast<size_t>(width) * height;
-    Scene scene{{width, height}, std::vector<float>(pixels), std::vector<float>(pixels), std::vector<float>(pixels),
-                std::vector<uint8_t>(pixels)};
+    const std::vector<float> plane(pixels);
+    const std::vector<uint8_t> flags(pixels);
+    Scene scene{{width, height}, plane, plane, plane, flags, flags, plane, plane, plane, plane};
     Noise noise{seed};
     for (size_t i = 0; i < pixels; ++i) {
         scene.left[i] = 255.0f * noise();
         scene.right[i] = 255.0f * noise();
         scene.u[i] = 40.0f * noise() - 2.0f;
         scene.known[i] = noise() < 0.3f;
+    }
+    for (size_t i = 0; i < pixels; ++i) {
+        scene.soft[i] = noise() < 0.2f;
+        scene.weight[i] = noise();
+        scene.edge[i] = 0.03f + 0.97f * noise();
+        scene.prior[i] = 40.0f * noise();
+        scene.trust[i] = noise() < 0.5f ? 0.2f * noise() : 0.0f;
     }
     return scene;
 }
@@ -53,6 +70,33 @@ inline Scene read_scene(const std::string& path) {
     if (!file) throw std::runtime_error(path + " is too short");
     for (size_t i = 0; i < scene.u.size(); ++i) scene.known[i] = scene.u[i] > 0.0f;
     return scene;
+}
+
+// Adds the flags to the end of the outputs.
+inline void append(std::vector<float>& out, const std::vector<uint8_t>& flags) {
+    out.insert(out.end(), flags.begin(), flags.end());
+}
+
+// All outputs that the choice between two maps needs, one after the other; `solved` is one of them.
+inline std::vector<float> run_guided(stereomend::Engine& engine, const Scene& scene,
+                                     const stereomend::SolverParams& params, const std::vector<float>& solved) {
+    const size_t pixels = scene.u.size();
+    std::vector<float> out(3 * pixels);
+    float* guided = out.data();
+    float* similar = guided + pixels;
+    float* filled = similar + pixels;
+    std::copy(solved.begin(), solved.end(), guided);
+    engine.solve(scene.guided_level(), params, guided);
+    engine.similarity(scene.level(), guided, similar);
+    std::copy(guided, guided + pixels, filled);
+    std::vector<uint8_t> occluded(pixels), reached(scene.soft);
+    engine.fill_occlusions({scene.size, filled, scene.flags()}, {1.0f, 1.3f, 6.0f},
+                           reinterpret_cast<bool*>(occluded.data()));
+    engine.reach({scene.size, filled, scene.flags(), scene.soft_flags(), 1.0f},
+                 reinterpret_cast<bool*>(reached.data()));
+    append(out, occluded);
+    append(out, reached);
+    return out;
 }
 
 // All outputs of the kernels, one after the other.
@@ -73,5 +117,7 @@ inline std::vector<float> run_all(stereomend::Engine& engine, const Scene& scene
     out.back() = static_cast<float>(found.front().sum + found.back().sum);
     engine.confidence({scene.size, scene.left.data(), scene.right.data(), solved, scene.flags(), scene.flags()},
                       {21, 20.0f, 2, 2.0f}, out.data() + 2 * pixels);
+    const std::vector<float> guided = run_guided(engine, scene, params, {solved, solved + pixels});
+    out.insert(out.end(), guided.begin(), guided.end());
     return out;
 }

@@ -2,7 +2,8 @@ import pytest
 
 from stereomend.errors import InvalidParameter
 from stereomend.refinement import PRESETS, parse_params
-from stereomend.refinement.params import GdrParams, LdrParams, RefineParams
+from stereomend.refinement.params import RefineParams
+from stereomend.refinement.stage_params import FusionParams, GdrParams, LdrParams
 
 
 def test_the_presets_hold_the_published_constants():
@@ -26,6 +27,48 @@ def test_starting_from_zero_takes_six_levels_unless_told_otherwise():
     assert parse_params({"initial": "zero", "gdr": {"levels": 3}}).gdr.levels == 3
 
 
+def test_robust_chooses_between_maps_and_works_at_three_quarters_of_the_size():
+    params = parse_params({"preset": "robust"})
+    assert params.fusion.enabled
+    assert params.processing_scale == 0.75
+    assert (params.ldr.method, params.ldr.specular) == ("evidence", "glint")
+    assert params.gdr.observed_only
+    assert params.gdr.averaging_px > 0
+    assert params.gdr.edge_falloff > 0
+
+
+@pytest.mark.parametrize("preset", ["paper", "released"])
+def test_the_published_presets_do_nothing_that_was_not_published(preset):
+    params = parse_params({"preset": preset})
+    assert params.processing_scale == 0.5
+    assert not params.fusion.enabled
+    assert params.ldr.method == "smoothness"
+    gdr = params.gdr
+    assert (gdr.averaging_px, gdr.edge_falloff, gdr.prior_weight, gdr.fill_weight) == (0, 0, 0, 0)
+    assert (gdr.observed_only, gdr.reuse_margin, gdr.coarse_warps, gdr.coarse_iterations) == (
+        False,
+        None,
+        0,
+        0,
+    )
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_the_working_size_and_the_choice_can_be_overridden_in_every_preset(preset):
+    params = parse_params({"preset": preset, "processing_scale": 0.6, "fusion": {"win_margin": 0.3}})
+    assert params.processing_scale == 0.6
+    assert params.fusion == PRESETS[preset].fusion.model_copy(update={"win_margin": 0.3})
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_every_preset_is_within_its_own_ranges(preset):
+    """Constants that a preset is made of are checked like a client's."""
+    made = PRESETS[preset]
+    groups = {"ldr": made.ldr, "gdr": made.gdr, "fusion": made.fusion}
+    sent = {name: group.model_dump() for name, group in groups.items()}
+    assert parse_params({"preset": preset} | sent) == parse_params({"preset": preset})
+
+
 @pytest.mark.parametrize(
     ("given", "named"),
     [
@@ -42,6 +85,18 @@ def test_starting_from_zero_takes_six_levels_unless_told_otherwise():
         ({"initial": "guess"}, "initial.*'guess'"),
         ({"processing_scale": 1.5}, "processing_scale.*1.5"),
         ({"disparity_scale": 0}, "disparity_scale.*got 0"),
+        ({"preset": "robust", "fusion": {"toleranze_px": 1}}, "fusion.toleranze_px: unknown"),
+        ({"fusion": 1}, "fusion: got 1"),
+        ({"fusion": {"tolerance_px": 0}}, "fusion.tolerance_px.*got 0"),
+        ({"fusion": {"min_trust": 1.5}}, "fusion.min_trust.*got 1.5"),
+        ({"fusion": {"bend": float("inf")}}, "fusion.bend"),
+        ({"gdr": {"averaging_px": 4.1}}, "gdr.averaging_px.*got 4.1"),
+        ({"gdr": {"edge_floor": 0}}, "gdr.edge_floor.*got 0"),
+        ({"gdr": {"prior_weight": -1}}, "gdr.prior_weight.*got -1"),
+        ({"gdr": {"reuse_margin": 3}}, "gdr.reuse_margin.*got 3"),
+        ({"ldr": {"method": "luck"}}, "ldr.method.*'luck'"),
+        ({"ldr": {"specular": "shiny"}}, "ldr.specular.*'shiny'"),
+        ({"preset": "robust", "processing_scale": 0}, "processing_scale.*got 0"),
     ],
 )
 def test_wrong_parameters_are_named(given, named):
@@ -55,10 +110,10 @@ def test_all_wrong_parameters_are_named_at_once():
 
 
 def test_every_parameter_is_described_with_its_unit():
-    for model in (LdrParams, GdrParams, RefineParams):
+    for model in (LdrParams, GdrParams, FusionParams, RefineParams):
         for name, field in model.model_fields.items():
             assert field.description, name
-    for model in (LdrParams, GdrParams):
+    for model in (LdrParams, GdrParams, FusionParams):
         for name, field in model.model_fields.items():
             if field.annotation in (int, float):
                 assert "[" in field.description, name

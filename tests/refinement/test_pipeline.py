@@ -159,7 +159,7 @@ def test_without_inliers_the_input_stays_and_a_warning_says_so():
 
 def test_a_grey_scene_is_refined_and_said_to_be_one(phantom, broken):
     grey = [image.mean(axis=2).astype(np.uint8) for image in (phantom.pair.left, phantom.pair.right)]
-    result = refine(*grey, broken)
+    result = refine(*grey, broken, preset="paper")
     assert result.quality["warnings"] == ["no-colour"]
     assert rmse(result.disparity, phantom.truth) < 0.6 * rmse(broken, phantom.truth)
 

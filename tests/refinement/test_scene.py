@@ -4,8 +4,8 @@ import pytest
 from stereomend.disparity import StereoPair
 from stereomend.refinement import select_backend
 from stereomend.refinement.backends.reference import area_weights
-from stereomend.refinement.params import LdrParams
 from stereomend.refinement.scene import make_scene, matte_mask
+from stereomend.refinement.stage_params import LdrParams
 
 NATIVE = select_backend("native", threads=1)
 
@@ -61,3 +61,26 @@ def test_a_grey_scene_is_not_taken_for_one_large_highlight(axes):
     assert not scene.coloured
     assert scene.matte.sum() == 15
     assert not scene.matte[0, 0]
+
+
+@pytest.mark.parametrize("width", [217, 200])
+def test_glints_are_small_bright_and_colourless(width):
+    """A white organ is large, a pale spot on a white one does not stand out, and a red lamp has a colour."""
+    image = np.full((100, width, 3), (130, 60, 50), np.uint8)
+    image[10:15, 20:25] = (250, 245, 248)
+    image[10:15, 60:65] = (250, 90, 80)
+    image[50:90, 20:80] = (225, 222, 220)
+    image[60:64, 40:44] = 250
+    image[20:23, 120:123] = 120
+    expected = np.ones((100, width), bool)
+    expected[10:15, 20:25] = False
+    assert (scene_of(image, (100, width), LdrParams(specular="glint")).matte == expected).all()
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 33), (33, 1)])
+def test_pictures_of_one_row_or_column_have_glints_too(size):
+    image = np.full((*size, 3), 40, np.uint8)
+    image[size[0] // 2, size[1] // 2] = 250
+    matte = scene_of(image, size, LdrParams(specular="glint")).matte
+    assert matte.shape == size
+    assert matte.sum() == matte.size - (matte.size > 1)

@@ -7,16 +7,18 @@ from functools import partial
 from typing import NamedTuple
 
 from stereomend.bench.clock import Timed
-from stereomend.disparity import FloatMap
+from stereomend.disparity import DisparityMap, FloatMap, StereoPair
 from stereomend.phantom import Phantom, break_disparity, make_phantom
 from stereomend.refinement import Backend, parse_params, select_backend
-from stereomend.refinement.gdr import refine_globally
-from stereomend.refinement.ldr import Local, confidence_of, refine_locally
-from stereomend.refinement.params import GdrParams, RefineParams
-from stereomend.refinement.pyramid import Sparse, shrink_disparity, working_size
-from stereomend.refinement.scene import Scene, make_scene
+from stereomend.refinement.params import RefineParams
+from stereomend.refinement.pipeline import Begun, globally, locally, start_from
+from stereomend.refinement.pyramid import working_size
+from stereomend.refinement.scene import make_scene
+from stereomend.refinement.stage_params import GdrParams
 
 SEED = 7
+SOLVED = {"preset": "released"}
+"""Whose working size and base map single solves are timed with."""
 
 WxH = tuple[int, int]
 """Width and height in pixels."""
@@ -31,18 +33,25 @@ class Setup(NamedTuple):
 
 
 class Case(NamedTuple):
-    """One configuration, ready to run; the scene and the disparity are at working size."""
+    """One configuration, ready to run."""
 
     backend: Backend
     threads: int
-    scene: Scene
-    initial: Sparse
+    pair: StereoPair
+    upload: DisparityMap
 
 
-def worked_size(size: WxH) -> WxH:
-    """The size that an input of `size` is worked at with the default `processing_scale`."""
-    height, width = working_size((size[1], size[0]), parse_params().processing_scale)
+def worked_size(size: WxH, params: RefineParams) -> WxH:
+    """The size that an input of `size` is worked at."""
+    height, width = working_size((size[1], size[0]), params.processing_scale)
     return width, height
+
+
+def begin(case: Case, params: RefineParams) -> Begun:
+    """Bring a case to the size that `params` ask for."""
+    width, height = worked_size((case.pair.shape[1], case.pair.shape[0]), params)
+    scene = make_scene(case.pair, (height, width), params.ldr, case.backend)
+    return Begun(scene, start_from("upload", case.upload, scene, case.pair, case.backend))
 
 
 def broken_phantom(size: WxH) -> tuple[Phantom, FloatMap]:
@@ -56,39 +65,31 @@ def make_cases(setups: Sequence[Setup]) -> dict[Setup, Case]:
     cases: dict[Setup, Case] = {}
     for size in dict.fromkeys(setup.size for setup in setups):
         phantom, disparity = broken_phantom(size)
-        sparse = Sparse(disparity, disparity > 0)
+        upload = DisparityMap.from_array(disparity)
         for setup in setups:
             if setup.size == size:
                 backend = select_backend(setup.backend, setup.threads)
-                width, height = worked_size(size)
-                scene = make_scene(phantom.pair, (height, width), parse_params().ldr, backend)
-                initial = shrink_disparity(sparse, scene.size, backend)
-                cases[setup] = Case(backend, setup.threads, scene, initial)
+                cases[setup] = Case(backend, setup.threads, phantom.pair, upload)
     return cases
 
 
 def local_job(case: Case, params: RefineParams) -> Timed:
     """LDR as the pipeline runs it: confidence, then the search."""
-    return Timed(partial(refined_locally, case, params), case.threads)
+    return Timed(partial(locally, begin(case, params), params, case.backend), case.threads)
 
 
 def global_job(case: Case, params: RefineParams) -> Timed:
-    """GDR as the pipeline runs it, after LDR: all levels."""
-    prior = refined_locally(case, params).u
-    return Timed(partial(refine_globally, case.scene, prior, params.gdr, case.backend), case.threads)
+    """GDR as the pipeline runs it, after LDR: all levels, and the choice between its map and the upload."""
+    begun = begin(case, params)
+    trusted = locally(begun, params, case.backend)
+    return Timed(partial(globally, begun, trusted, params, case.backend), case.threads)
 
 
 def solve_job(case: Case, iterations: int) -> Timed:
     """One warp at the finest level with so many primal-dual iterations."""
-    params = GdrParams(warps=1, iterations=iterations)
-    prior = refined_locally(case, parse_params()).u
-    left, right = case.scene.left, case.scene.right
-    solve: Callable[[], object] = partial(case.backend.solve, left, right, prior, params)
+    params, solver = parse_params(SOLVED), GdrParams(warps=1, iterations=iterations)
+    begun = begin(case, params)
+    prior = locally(begun, params, case.backend).local.u
+    left, right = begun.scene.left, begun.scene.right
+    solve: Callable[[], object] = partial(case.backend.solve, left, right, prior, solver)
     return Timed(solve, case.threads)
-
-
-def refined_locally(case: Case, params: RefineParams) -> Local:
-    """LDR of the broken disparity."""
-    confidence = confidence_of(case.initial, case.scene, params.ldr, case.backend)
-    steps = max(1, round(params.ldr.search_px * params.processing_scale))
-    return refine_locally(case.initial, confidence, params.ldr, steps, case.backend)

@@ -61,7 +61,8 @@ def speedup(one: Spread | None, many: Spread) -> float | None:
 
 
 def _stage_times(setup: Setup, preset: str, times: Mapping[StageKey, Spread]) -> StageTimes:
-    worked, alone = worked_size(setup.size), setup._replace(threads=1)
+    worked = worked_size(setup.size, parse_params({"preset": preset}))
+    alone = setup._replace(threads=1)
     pixels = worked[0] * worked[1]
     ldr, gdr = (times[StageKey(setup, preset, stage)] for stage in ("ldr", "gdr"))
     return StageTimes(

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from stereomend.bench.cases import Case, Setup, WxH, solve_job, worked_size
+from stereomend.bench.cases import SOLVED, Case, Setup, WxH, solve_job, worked_size
 from stereomend.bench.ceilings import Ceiling
 from stereomend.bench.clock import Spread, Timed
+from stereomend.refinement import parse_params
 
 OPERATIONS = 25
 """Floating-point operations per pixel and iteration; the square root and each division count as one."""
@@ -73,7 +74,7 @@ def _iteration_ms(setup: Setup, times: Mapping[SweepKey, Spread]) -> float | Non
 
 
 def _sweep_times(setup: Setup, times: Mapping[SweepKey, Spread], ceiling: Ceiling) -> SweepTimes:
-    worked, few = worked_size(setup.size), times[setup, FEW]
+    worked, few = worked_size(setup.size, parse_params(SOLVED)), times[setup, FEW]
     pixels, iteration_ms = worked[0] * worked[1], _iteration_ms(setup, times)
     alone_ms = _iteration_ms(setup._replace(threads=1), times)
     per_ms = None if iteration_ms is None else 1e-6 * pixels / iteration_ms

@@ -1,8 +1,4 @@
-"""The parameters of a refinement: presets, ranges, units and the equations they stand in.
-
-Equation numbers are those of Yang, Simon, Linte, J. Med. Imaging 10(4), 045001, 2023,
-doi:10.1117/1.JMI.10.4.045001.
-"""
+"""The parameters of a refinement, and the presets they start from."""
 
 from __future__ import annotations
 
@@ -10,102 +6,18 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any, Literal, NamedTuple, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from stereomend.disparity import Calibration
 from stereomend.errors import InvalidParameter
+from stereomend.refinement.stage_params import FusionParams, GdrParams, LdrParams, StageParams
 
 Stage = Literal["ldr", "gdr"]
 Initial = Literal["upload", "sgbm", "zero"]
 Output = Literal["disparity", "confidence", "provenance", "input_confidence", "depth_mm"]
 
-DEFAULT_PRESET = "paper"
+DEFAULT_PRESET = "robust"
 LEVELS_FROM_ZERO = 6
-
-
-class _Params(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-class LdrParams(_Params):
-    """Local disparity refinement, Eq. 1 to 5."""
-
-    window: int = Field(
-        21,
-        ge=3,
-        le=201,
-        description="side of the square window of the local mean, odd [px at working size] (Eq. 1)",
-    )
-    smoothness_weight: float = Field(
-        20.0, ge=0, le=1000, description="alpha_s, falloff of smoothness [1] (Eq. 1)"
-    )
-    smoothness_power: int = Field(
-        1,
-        ge=1,
-        le=4,
-        description="exponent of C_s in C_f [1]: 1 as printed (Eq. 4), 2 in the authors' program",
-    )
-    photometric_weight: float = Field(
-        2.0,
-        ge=0,
-        le=1000,
-        description="alpha_p, falloff of photometric consistency [1], 0 leaves it out (Eq. 2)",
-    )
-    min_saturation: float = Field(
-        0.1,
-        ge=0,
-        le=1,
-        description="th_s, HSV saturation at or below which a pixel may be a highlight [1] (Eq. 3)",
-    )
-    min_confidence: float = Field(
-        0.5, ge=0, le=1, description="th_f, confidence below which a pixel is an outlier [1] (Eq. 5)"
-    )
-    search_px: float = Field(
-        40.0, ge=1, le=10000, description="steps taken in each of the eight directions [px at input size]"
-    )
-    passes: int = Field(5, ge=1, le=100, description="repetitions of the search while holes remain [1]")
-    specular: Literal["saturation", "bright", "off"] = Field(
-        "saturation",
-        description="what is a highlight: low saturation (Eq. 3), low saturation and high value, or nothing",
-    )
-
-    @field_validator("window")
-    @classmethod
-    def _odd(cls, window: int) -> int:
-        if window % 2 == 0:
-            raise ValueError(f"expected an odd number, got {window}")
-        return window
-
-
-class GdrParams(_Params):
-    """Global disparity refinement, Eq. 9 to 14, and its primal-dual solver (Chambolle and Pock 2011)."""
-
-    data_weight: float = Field(
-        0.5,
-        ge=0,
-        le=1000,
-        description="lambda, weight of the descriptors' distance, summed over 8 [1] (Eq. 9)",
-    )
-    huber_epsilon: float = Field(
-        0.1,
-        ge=0,
-        le=100,
-        description="epsilon, gradient where |.|_eps turns from square to norm [px/px] (Eq. 12)",
-    )
-    levels: int = Field(4, ge=1, le=16, description="levels of the pyramid; small images get fewer [1]")
-    warps: int = Field(50, ge=1, le=1000, description="linearisations per level [1]")
-    iterations: int = Field(5, ge=1, le=1000, description="primal-dual iterations per warp [1]")
-    descriptor: Literal["signed", "absolute"] = Field(
-        "signed", description="differences to the 3 x 3 neighbours, signed or, as printed, absolute (Eq. 10)"
-    )
-    tau: float = Field(0.25, gt=0, le=10, description="primal step [1]; 8 tau sigma <= 1")
-    sigma: float = Field(0.5, gt=0, le=10, description="dual step [1]; 8 tau sigma <= 1")
-
-    @model_validator(mode="after")
-    def _converges(self) -> Self:
-        if 8 * self.tau * self.sigma > 1 + 1e-9:
-            raise ValueError(f"expected 8 * tau * sigma <= 1, got {8 * self.tau * self.sigma:g}")
-        return self
 
 
 class Preset(NamedTuple):
@@ -114,6 +26,8 @@ class Preset(NamedTuple):
     description: str
     ldr: LdrParams
     gdr: GdrParams
+    fusion: FusionParams = FusionParams()
+    processing_scale: float = 0.5
 
 
 PRESETS: Mapping[str, Preset] = MappingProxyType(
@@ -128,11 +42,31 @@ PRESETS: Mapping[str, Preset] = MappingProxyType(
             LdrParams(photometric_weight=0.0, smoothness_power=2),
             GdrParams(data_weight=0.375, warps=5, iterations=30),
         ),
+        "robust": Preset(
+            "Colour edges, an averaged data term, and the upload wherever it is as good as what GDR finds.",
+            LdrParams(method="evidence", specular="glint", min_confidence=0.3),
+            GdrParams(
+                data_weight=0.9,
+                levels=5,
+                warps=4,
+                iterations=10,
+                coarse_warps=9,
+                coarse_iterations=12,
+                averaging_px=3.5,
+                observed_only=True,
+                edge_falloff=10.0,
+                prior_weight=0.07,
+                fill_weight=0.15,
+                reuse_margin=0.2,
+            ),
+            FusionParams(enabled=True),
+            processing_scale=0.75,
+        ),
     }
 )
 
 
-class RefineParams(_Params):
+class RefineParams(StageParams):
     """Everything that one refinement is told besides its images. Build it with `parse_params`."""
 
     preset: str = Field(DEFAULT_PRESET, description="the set of parameters to start from")
@@ -140,7 +74,9 @@ class RefineParams(_Params):
     initial: Initial | None = Field(
         None, description="what starts the method; default: the upload, or sgbm when none is uploaded"
     )
-    processing_scale: float = Field(0.5, ge=0.05, le=1, description="working size divided by input size [1]")
+    processing_scale: float = Field(
+        0.5, ge=0.05, le=1, description="working size divided by input size [1]; default: the preset's"
+    )
     disparity_scale: float | None = Field(
         None,
         gt=0,
@@ -169,6 +105,9 @@ class RefineParams(_Params):
     )
     ldr: LdrParams = Field(default_factory=LdrParams, description="overrides of the preset's local stage")
     gdr: GdrParams = Field(default_factory=GdrParams, description="overrides of the preset's global stage")
+    fusion: FusionParams = Field(
+        default_factory=FusionParams, description="overrides of the preset's choice between upload and GDR"
+    )
 
     @model_validator(mode="after")
     def _calibrated_or_not(self) -> Self:
@@ -203,11 +142,13 @@ def parse_params(given: Mapping[str, Any] | None = None) -> RefineParams:
     """
     given = dict(given or {})
     preset = _preset(given.get("preset", DEFAULT_PRESET))
-    local, globally = _overrides(given, "ldr"), _overrides(given, "gdr")
+    local, globally, fusion = (_overrides(given, group) for group in ("ldr", "gdr", "fusion"))
     if given.get("initial") == "zero":
         globally = {"levels": LEVELS_FROM_ZERO} | globally
     given["ldr"] = preset.ldr.model_dump() | local
     given["gdr"] = preset.gdr.model_dump() | globally
+    given["fusion"] = preset.fusion.model_dump() | fusion
+    given.setdefault("processing_scale", preset.processing_scale)
     try:
         return RefineParams.model_validate(given)
     except ValidationError as error:
@@ -220,10 +161,10 @@ def _preset(name: object) -> Preset:
     return PRESETS[name]
 
 
-def _overrides(given: Mapping[str, Any], stage: Stage) -> dict[str, Any]:
-    overrides = given.get(stage, {})
+def _overrides(given: Mapping[str, Any], group: str) -> dict[str, Any]:
+    overrides = given.get(group, {})
     if not isinstance(overrides, Mapping):
-        raise InvalidParameter(f"{stage}: got {overrides!r}, expected an object of parameters")
+        raise InvalidParameter(f"{group}: got {overrides!r}, expected an object of parameters")
     return dict(overrides)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -19,7 +19,8 @@ from stereomend.disparity import (
     check_same_size,
 )
 from stereomend.refinement.backends import Backend, Plane, Size, select_backend
-from stereomend.refinement.gdr import refine_globally
+from stereomend.refinement.fusion import Fused, Readings, fuse
+from stereomend.refinement.gdr import prior_of, refine_globally, with_edges
 from stereomend.refinement.initial import choose_initial, match_semiglobally, uploaded
 from stereomend.refinement.ldr import Local, confidence_of, fill_unknown, refine_locally
 from stereomend.refinement.params import Initial, RefineParams, parse_params
@@ -27,6 +28,7 @@ from stereomend.refinement.pyramid import (
     Sparse,
     enlarge_disparity,
     enlarge_mask,
+    sample_disparity,
     shrink_disparity,
     working_size,
 )
@@ -87,20 +89,60 @@ def run(
     timings = dict.fromkeys(STAGES, 0.0)
     scene = make_scene(pair, working_size(pair.shape, params.processing_scale), params.ldr, backend)
     with _timed(timings, "initial", kind == "sgbm"):
-        start = _start(kind, upload, scene, pair, backend)
+        begun = Begun(scene, start_from(kind, upload, scene, pair, backend))
     with _timed(timings, "ldr", "ldr" in params.stages and kind != "zero"):
-        confidence, local = _local(start, scene, params, backend)
-    refined = local.u
+        trusted = locally(begun, params, backend)
+    refined, fused = trusted.local.u, None
     with _timed(timings, "gdr", "gdr" in params.stages):
         if "gdr" in params.stages:
-            refined = refine_globally(scene, local.u, params.gdr, backend)
-    trace = Trace(pair, scene, start, confidence, local, refined)
+            refined, fused = globally(begun, trusted, params, backend)
+    trace = Trace(pair, *begun, *trusted, refined, fused)
     return assemble(trace, params, backend, timings, confidences)
 
 
-def _start(
+class Begun(NamedTuple):
+    """The scene, and what starts the method."""
+
+    scene: Scene
+    start: Start
+
+
+class Trusted(NamedTuple):
+    """What LDR leaves."""
+
+    confidence: Plane
+    """Of the initial disparity, (H, W)."""
+    local: Local
+
+
+def locally(begun: Begun, params: RefineParams, backend: Backend) -> Trusted:
+    """Measure the confidence and replace what has little; without stage `ldr` only fill the unknown."""
+    (scene, start), steps = begun, max(1, round(params.ldr.search_px * params.processing_scale))
+    confidence = confidence_of(start.working, scene, params.ldr, backend)
+    if "ldr" in params.stages:
+        return Trusted(confidence, refine_locally(start.working, confidence, params.ldr, steps, backend))
+    return Trusted(confidence, fill_unknown(start.working, params.ldr, steps, backend))
+
+
+def globally(
+    begun: Begun, trusted: Trusted, params: RefineParams, backend: Backend
+) -> tuple[Plane, Fused | None]:
+    """GDR's map, (H, W) px, and the choice between it and the upload where the parameters ask for one."""
+    prior, scene = (
+        prior_of(trusted.local, trusted.confidence, params.gdr),
+        with_edges(begun.scene, params.gdr),
+    )
+    refined = refine_globally(scene, prior, params.gdr, backend)
+    if not params.fusion.enabled or begun.start.kind == "zero":
+        return refined, None
+    upload = sample_disparity(begun.start.full, scene.size)
+    return refined, fuse(scene, Readings(upload, refined), params, backend)
+
+
+def start_from(
     kind: Initial, upload: DisparityMap | None, scene: Scene, pair: StereoPair, backend: Backend
 ) -> Start:
+    """The initial disparity at both sizes (raises NoValidDisparity where there is none)."""
     size = pair.shape
     if kind == "sgbm":
         working = match_semiglobally(scene, backend)
@@ -117,14 +159,6 @@ def _start(
 
 def _nothing(size: Size, backend: Backend) -> Sparse:
     return Sparse(backend.plane(np.zeros(size)), np.zeros(size, np.bool_))
-
-
-def _local(start: Start, scene: Scene, params: RefineParams, backend: Backend) -> tuple[Plane, Local]:
-    confidence = confidence_of(start.working, scene, params.ldr, backend)
-    steps = max(1, round(params.ldr.search_px * params.processing_scale))
-    if "ldr" in params.stages:
-        return confidence, refine_locally(start.working, confidence, params.ldr, steps, backend)
-    return confidence, fill_unknown(start.working, params.ldr, steps, backend)
 
 
 @contextmanager

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
+import numpy.typing as npt
 
 from stereomend.disparity import DisparityMap, Mask
 from stereomend.refinement.backends import Backend, Plane, Size
+
+S = TypeVar("S", bound=np.generic)
 
 SMALLEST_SIDE = 8
 """No level of a pyramid has a shorter side, in pixels, unless the finest has."""
@@ -57,12 +60,23 @@ def enlarge_disparity(u: Plane, size: Size, backend: Backend) -> Plane:
 
 def enlarge_mask(mask: Mask, size: Size) -> Mask:
     """For each pixel of `size` (height, width) the flag of the pixel of `mask` that its centre falls on."""
+    return sample(mask, size)
+
+
+def sample(values: npt.NDArray[S], size: Size) -> npt.NDArray[S]:
+    """For each pixel of `size` (height, width) the value of the pixel that its centre falls on."""
     rows, columns = (
         ((np.arange(target) + 0.5) * source / target).astype(np.intp)
-        for source, target in zip(mask.shape, size, strict=True)
+        for source, target in zip(values.shape, size, strict=True)
     )
-    enlarged: Mask = mask.take(columns, axis=1).take(rows, axis=0)
-    return enlarged
+    sampled: npt.NDArray[S] = values.take(columns, axis=1).take(rows, axis=0)
+    return sampled
+
+
+def sample_disparity(sparse: Sparse, size: Size) -> Sparse:
+    """A map at another size without averaging, times the width ratio."""
+    ratio = sparse.u.dtype.type(size[1] / sparse.u.shape[1])
+    return Sparse(sample(sparse.u, size) * ratio, sample(sparse.valid, size))
 
 
 def as_sparse(disparity: DisparityMap, mask: Mask | None = None) -> Sparse:
@@ -71,4 +85,5 @@ def as_sparse(disparity: DisparityMap, mask: Mask | None = None) -> Sparse:
     What reaches beyond the image width cannot be a match and counts as unknown.
     """
     valid = disparity.valid & (disparity.values < disparity.shape[1])
-    return Sparse(disparity.values, valid if mask is None else valid & mask)
+    valid = valid if mask is None else valid & mask
+    return Sparse(disparity.values * valid, valid)

@@ -10,8 +10,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from stereomend.disparity import FloatMap, RefinementResult, StereoPair
+from stereomend.disparity import FloatMap, Mask, RefinementResult, StereoPair
 from stereomend.refinement.backends import Backend, Plane, Reading, Size
+from stereomend.refinement.fusion import Fused, at_input_size
 from stereomend.refinement.ldr import Local, confidence_of
 from stereomend.refinement.params import Initial, RefineParams
 from stereomend.refinement.pyramid import Sparse, enlarge_disparity, enlarge_mask, level_sizes
@@ -37,6 +38,18 @@ class Trace(NamedTuple):
     """Of the initial disparity."""
     local: Local
     refined: Plane
+    fused: Fused | None = None
+    """The choice between the upload and `refined`; None where there was none."""
+
+    @property
+    def outcome(self) -> Plane:
+        """The map that is returned."""
+        return self.refined if self.fused is None else self.fused.mixed
+
+    @property
+    def kept(self) -> Mask:
+        """Pixels whose value nothing replaced."""
+        return self.local.inliers if self.fused is None else self.local.inliers | self.fused.chosen
 
 
 def assemble(
@@ -44,9 +57,9 @@ def assemble(
 ) -> RefinementResult:
     """Bring the outcome back to input size and describe it; without `confidences` these are NaN."""
     initial, pair = trace.start.full, trace.pair
-    origin = Origin(initial, initial.valid & enlarge_mask(trace.local.inliers, pair.shape), pair.mask)
+    origin = Origin(initial, initial.valid & enlarge_mask(trace.kept, pair.shape), pair.mask)
     disparity = _at_input_size(trace, origin, params, backend)
-    refined = Sparse(trace.refined, trace.scene.shown(trace.refined > 0))
+    refined = Sparse(trace.outcome, trace.scene.shown(trace.outcome > 0))
     planes = _confidences(trace, refined, params, backend) if confidences else _not_asked_for(pair.shape)
     quality = _quality(trace, refined, params, backend)
     provenance = provenance_of(disparity, origin, backend)
@@ -88,7 +101,11 @@ def _of_the_scene(values: FloatMap, pair: StereoPair) -> FloatMap:
 
 
 def _at_input_size(trace: Trace, origin: Origin, params: RefineParams, backend: Backend) -> FloatMap:
-    enlarged = np.maximum(enlarge_disparity(trace.refined, trace.pair.shape, backend), 0)
+    if trace.fused is None:
+        enlarged = enlarge_disparity(trace.refined, trace.pair.shape, backend)
+    else:
+        enlarged = at_input_size(trace.fused, origin.initial, params.fusion.near_px, backend)
+    enlarged = np.maximum(enlarged, 0)
     disparity = enlarged.astype(np.float32, copy=False)
     return disparity if "gdr" in params.stages else np.where(origin.kept, origin.initial.u, disparity)
 

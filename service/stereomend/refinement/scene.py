@@ -12,8 +12,8 @@ import numpy.typing as npt
 from stereomend.disparity import Image, Mask, StereoPair
 from stereomend.opencv import cv2
 from stereomend.refinement.backends import Backend, Plane, Size
-from stereomend.refinement.params import LdrParams
 from stereomend.refinement.pyramid import HALF
+from stereomend.refinement.stage_params import LdrParams
 
 GREY_WEIGHTS = (0.299, 0.587, 0.114)
 """BT.601 luma of R, G, B."""
@@ -22,6 +22,10 @@ _ROWS = 64
 
 BRIGHT = 215 / 255
 """HSV value above which a colourless pixel is a highlight when `specular` is "bright"."""
+
+_GLINT_SHARE = 0.06  # of the width; larger bright areas are things
+_GLINT_SATURATION = 60 / 255
+_GLINT_RISE = 40.0  # grey levels above what surrounds it
 
 
 class Scene(NamedTuple):
@@ -33,6 +37,10 @@ class Scene(NamedTuple):
     """No specular highlight, (H, W)."""
     coloured: bool
     """The left image has any colour at all."""
+    channels: tuple[Plane, ...]
+    """Of the left image: grey, or R, G and B, each (H, W), levels 0 to 255."""
+    edge: Plane | None = None
+    """Weight of the smoothness, (H, W), over 0 to 1; None: 1 everywhere."""
     weight: Plane | None = None
     """The share of each pixel that is part of the scene, (H, W), 0 to 1; None: all of each."""
 
@@ -54,7 +62,7 @@ def make_scene(pair: StereoPair, size: Size, params: LdrParams, backend: Backend
     coloured = is_coloured(pair.left)
     matte = matte_mask(channels, coloured, params)
     weight = None if pair.mask is None else backend.shrink(backend.plane(pair.mask), size)
-    return Scene(_grey_of(channels), right, matte, coloured, weight)
+    return Scene(_grey_of(channels), right, matte, coloured, tuple(channels), weight=weight)
 
 
 def is_coloured(image: Image) -> bool:
@@ -93,10 +101,21 @@ def matte_mask(channels: Sequence[Plane], coloured: bool, params: LdrParams) -> 
     value, lowest = reduce(np.maximum, channels), reduce(np.minimum, channels)
     if params.specular == "off":
         return np.ones(value.shape, np.bool_)
+    if params.specular == "glint":
+        return ~_glints(value, lowest)
     colourless: Mask = value - lowest <= params.min_saturation * value
     if params.specular == "bright" or not coloured:
         colourless = colourless & (value > BRIGHT * 255)
     return ~colourless
+
+
+def _glints(value: Plane, lowest: Plane) -> Mask:
+    """Bright, colourless and small: a mirror image of the lamp, and not a white organ (R1)."""
+    side = max(3, round(_GLINT_SHARE * value.shape[1])) | 1  # odd, or the opening shifts by a pixel
+    surroundings = cv2.morphologyEx(value, cv2.MORPH_OPEN, np.ones((side, side), np.uint8))
+    colourless = value - lowest < _GLINT_SATURATION * value
+    glints: Mask = colourless & (value > BRIGHT * 255) & (value - surroundings > _GLINT_RISE)
+    return glints
 
 
 def _levels(image: npt.NDArray[Any], backend: Backend) -> Plane:

@@ -12,7 +12,7 @@ from stereomend import _native
 from stereomend.refinement import parse_params, select_backend
 from stereomend.refinement.backends.base import Reading, Usable
 from stereomend.refinement.backends.reference import distance
-from stereomend.refinement.params import LdrParams
+from stereomend.refinement.stage_params import LdrParams
 
 SIZES = [(1, 1), (1, 2), (2, 1), (3, 3), (1, 33), (33, 1), (3, 2000), (2000, 3), (47, 61), (479, 631)]
 PRESETS = ["paper", "released"]
@@ -67,7 +67,7 @@ def test_disparities_out_of_the_image_match_the_reference(native, reference):
     left, right, u = make_state((20, 30))
     u[::2] *= -9
     u[1::4] += 1e5
-    params = parse_params({"gdr": {"warps": 1}}).gdr
+    params = parse_params({"preset": "paper", "gdr": {"warps": 1}}).gdr
     assert np.allclose(
         native.solve(left, right, u, params), reference.solve(left, right, u, params), rtol=1e-6
     )
@@ -205,9 +205,9 @@ def test_the_weight_of_the_data_term_matches_the_reference(size, native, referen
     params = parse_params({"gdr": {"warps": 2}}).gdr
     state = make_state(size)
     weight = np.random.default_rng(6).random(size).astype(np.float32)
-    error = native.solve(*state, params, weight) - reference.solve(*state, params, weight)
+    error = native.solve(*state, params, weight=weight) - reference.solve(*state, params, weight=weight)
     assert np.abs(error).max() <= 2e-4
-    assert (native.solve(*state, params, np.ones_like(weight)) == native.solve(*state, params)).all()
+    assert (native.solve(*state, params, weight=np.ones_like(weight)) == native.solve(*state, params)).all()
 
 
 def test_an_engine_serves_all_sizes_in_any_order():

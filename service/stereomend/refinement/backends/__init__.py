@@ -5,10 +5,20 @@ from __future__ import annotations
 import os
 
 from stereomend.errors import BackendUnavailable
-from stereomend.refinement.backends.base import Backend, Plane, Reading, Size, Usable
+from stereomend.refinement.backends.base import Backend, Guide, OcclusionRule, Plane, Reading, Size, Usable
 from stereomend.refinement.backends.reference import ReferenceBackend
 
-__all__ = ["BACKENDS", "Backend", "Plane", "Reading", "Size", "Usable", "select_backend"]
+__all__ = [
+    "BACKENDS",
+    "Backend",
+    "Guide",
+    "OcclusionRule",
+    "Plane",
+    "Reading",
+    "Size",
+    "Usable",
+    "select_backend",
+]
 
 BACKENDS = ("auto", "native", "reference")
 

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from stereomend.disparity import Mask
-from stereomend.refinement.params import GdrParams, LdrParams
+from stereomend.refinement.stage_params import GdrParams, LdrParams
 
 Plane = npt.NDArray[np.floating[Any]]
 """float32 (H, W) for `native`, float64 for `reference`."""
@@ -25,6 +25,31 @@ class Usable(NamedTuple):
     """The disparity is known."""
     matte: Mask
     """No specular highlight."""
+
+
+class Guide(NamedTuple):
+    """What a solve is told besides the pair, each (H, W)."""
+
+    edge: Plane | None = None
+    """Weight of the smoothness, over 0 to 1; None: 1 everywhere."""
+    prior: Plane | None = None
+    """Where u is drawn to, px; None exactly if `trust` is."""
+    trust: Plane | None = None
+    """Weight of |u - prior|."""
+
+
+UNGUIDED = Guide()
+
+
+class OcclusionRule(NamedTuple):
+    """When a run of unknown pixels in a row is the occlusion of the surface on its right."""
+
+    step: float
+    """The least rise of the disparity from its left to its right end, px."""
+    stretch: float
+    """Its largest length, in such rises."""
+    slack: float
+    """And so much more, px."""
 
 
 class Reading(NamedTuple):
@@ -69,12 +94,34 @@ class Backend(Protocol):
         """
         ...
 
-    def solve(
-        self, left: Plane, right: Plane, u: Plane, params: GdrParams, weight: Plane | None = None
+    def solve(  # noqa: PLR0913 - what the model is made of
+        self,
+        left: Plane,
+        right: Plane,
+        u: Plane,
+        params: GdrParams,
+        *,
+        weight: Plane | None = None,
+        guide: Guide = UNGUIDED,
     ) -> Plane:
-        """All warps of one level from `u`, with the dual variable starting at zero (Eq. 9 to 14).
+        """All warps of one level from `u`, with the dual variable starting at zero (Eq. 9 to 14, R3 to R5).
 
         `weight`, (H, W) in [0, 1], multiplies the data term; None is 1 everywhere.
+        """
+        ...
+
+    def similarity(self, left: Plane, right: Plane, u: Plane) -> Plane:
+        """Inner product of left and warped right descriptors, (H, W) in [-1, 1], 0 without contrast."""
+        ...
+
+    def fill_occlusions(self, u: Plane, known: Mask, rule: OcclusionRule) -> tuple[Plane, Mask]:
+        """Give each occlusion among the unknown pixels the value on its left; and which those are (R2)."""
+        ...
+
+    def reach(self, seeds: Mask, passing: Mask, soft: Mask, u: Plane, step: float) -> Mask:
+        """What can be walked to from `seeds`: along rows right and left, then columns down and up (R10).
+
+        A step leads onto a `passing` pixel, and changes `u` by at most `step` px or touches a `soft` pixel.
         """
         ...
 

@@ -11,8 +11,8 @@ import numpy.typing as npt
 from stereomend import _native
 from stereomend.disparity import FloatMap, Mask
 from stereomend.opencv import cv2
-from stereomend.refinement.backends.base import Plane, Reading, Size, Usable
-from stereomend.refinement.params import GdrParams, LdrParams
+from stereomend.refinement.backends.base import UNGUIDED, Guide, OcclusionRule, Plane, Reading, Size, Usable
+from stereomend.refinement.stage_params import GdrParams, LdrParams
 
 
 class NativeBackend:
@@ -52,8 +52,15 @@ class NativeBackend:
         """See `Backend.fill`."""
         return self._engine.fill(self.plane(u), known, steps, passes)
 
-    def solve(
-        self, left: Plane, right: Plane, u: Plane, params: GdrParams, weight: Plane | None = None
+    def solve(  # noqa: PLR0913 - as `Backend.solve`
+        self,
+        left: Plane,
+        right: Plane,
+        u: Plane,
+        params: GdrParams,
+        *,
+        weight: Plane | None = None,
+        guide: Guide = UNGUIDED,
     ) -> Plane:
         """See `Backend.solve`."""
         constants = _native.SolverParams(
@@ -64,9 +71,24 @@ class NativeBackend:
             warps=params.warps,
             iterations=params.iterations,
             absolute=params.descriptor == "absolute",
+            observed_only=params.observed_only,
+            averaging=params.averaging_px,
         )
-        share = None if weight is None else self.plane(weight)
-        return self._engine.solve(self.plane(left), self.plane(right), self.plane(u), share, constants)
+        planes = (self.plane(left), self.plane(right), self.plane(u))
+        share, edge, prior, trust = (None if part is None else self.plane(part) for part in (weight, *guide))
+        return self._engine.solve(*planes, share, constants, edge, prior, trust)
+
+    def similarity(self, left: Plane, right: Plane, u: Plane) -> Plane:
+        """See `Backend.similarity`."""
+        return self._engine.similarity(self.plane(left), self.plane(right), self.plane(u))
+
+    def fill_occlusions(self, u: Plane, known: Mask, rule: OcclusionRule) -> tuple[Plane, Mask]:
+        """See `Backend.fill_occlusions`."""
+        return self._engine.fill_occlusions(self.plane(u), known, rule.step, rule.stretch, rule.slack)
+
+    def reach(self, seeds: Mask, passing: Mask, soft: Mask, u: Plane, step: float) -> Mask:
+        """See `Backend.reach`."""
+        return self._engine.reach(seeds, passing, soft, self.plane(u), step)
 
     def mismatch(self, left: Plane, readings: Sequence[Reading]) -> list[tuple[float, int]]:
         """See `Backend.mismatch`."""

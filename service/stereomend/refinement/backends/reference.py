@@ -7,14 +7,14 @@ Algorithm 1 of Chambolle and Pock, J. Math. Imaging Vis. 40, 2011, with theta = 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from stereomend.disparity import Mask
-from stereomend.refinement.backends.base import Plane, Reading, Size, Usable
-from stereomend.refinement.params import GdrParams, LdrParams
+from stereomend.refinement.backends.base import UNGUIDED, Guide, OcclusionRule, Plane, Reading, Size, Usable
+from stereomend.refinement.stage_params import GdrParams, LdrParams
 
 Array = npt.NDArray[np.float64]
 
@@ -68,18 +68,51 @@ class ReferenceBackend:
             known |= found
         return from_nearest(u, known)
 
-    def solve(
-        self, left: Plane, right: Plane, u: Plane, params: GdrParams, weight: Plane | None = None
+    def solve(  # noqa: PLR0913 - as `Backend.solve`
+        self,
+        left: Plane,
+        right: Plane,
+        u: Plane,
+        params: GdrParams,
+        *,
+        weight: Plane | None = None,
+        guide: Guide = UNGUIDED,
     ) -> Plane:
         """See `Backend.solve`."""
         left, right, u = self.plane(left), self.plane(right), self.plane(u)
         own = describe(left, params.descriptor)
-        share = 1.0 if weight is None else self.plane(weight)
         p = np.zeros((2, *u.shape))
         for _ in range(params.warps):
-            a, b = linearise(own, describe(warp(right, u), params.descriptor), u)
-            u, p = iterate(u, p, (share * a, share * b), params)
+            gg, gr = linearise(own, describe(warp(right, u), params.descriptor))
+            share = np.ones(u.shape) if weight is None else self.plane(weight)
+            if params.observed_only:
+                share = share * ~self.unobserved(u)
+            a, r = (window_mean(share * term, params.averaging_px) for term in (gg, gr))
+            u, p = iterate(u, p, (a, r - a * u), params, guide)
         return u
+
+    def similarity(self, left: Plane, right: Plane, u: Plane) -> Plane:
+        """See `Backend.similarity`."""
+        left, right, u = self.plane(left), self.plane(right), self.plane(u)
+        product: Array = np.sum(describe(left, "signed") * describe(warp(right, u), "signed"), axis=0)
+        return product
+
+    def fill_occlusions(self, u: Plane, known: Mask, rule: OcclusionRule) -> tuple[Plane, Mask]:
+        """See `Backend.fill_occlusions`."""
+        u, filled = self.plane(u), np.zeros(u.shape, np.bool_)
+        for y, begin, end in unknown_runs(known):
+            rise = u[y, end] - u[y, begin - 1]
+            if rise > rule.step and end - begin <= rule.stretch * rise + rule.slack:
+                u[y, begin:end] = u[y, begin - 1]
+                filled[y, begin:end] = True
+        return u, filled
+
+    def reach(self, seeds: Mask, passing: Mask, soft: Mask, u: Plane, step: float) -> Mask:
+        """See `Backend.reach`."""
+        land = Land(seeds, passing, soft, self.plane(u))
+        for turn in (_as_it_is, _mirrored, _turned, _turned_over):
+            land = land._replace(reached=turn(walk(Land(*map(turn, land)), step)))
+        return np.ascontiguousarray(land.reached)
 
     def mismatch(self, left: Plane, readings: Sequence[Reading]) -> list[tuple[float, int]]:
         """See `Backend.mismatch`."""
@@ -178,12 +211,26 @@ def distance(left: Array, right: Array, u: Array) -> Array:
     return result
 
 
-def linearise(own: Array, warped: Array, u: Array) -> tuple[Array, Array]:
-    """A and B of the data term A u + B, each (H, W), from descriptors (8, H, W) around `u`."""
-    slope = np.gradient(warped, axis=2) if u.shape[1] > 1 else np.zeros_like(warped)
+def linearise(own: Array, warped: Array) -> tuple[Array, Array]:
+    """The sums over descriptors (8, H, W) of g^2 and g (D2 - D1), each (H, W): the data term around u."""
+    slope = np.gradient(warped, axis=2) if own.shape[2] > 1 else np.zeros_like(warped)
     g = -slope
-    r = warped - own - g * u
-    return np.sum(g * g, axis=0), np.sum(g * r, axis=0)
+    return np.sum(g * g, axis=0), np.sum(g * (warped - own), axis=0)
+
+
+def window_mean(values: Array, deviation: float) -> Array:
+    """Mean under a Gaussian of `deviation` px, cut off at twice that; borders are mirrored; (H, W) (R5)."""
+    radius = int(np.ceil(2 * deviation))
+    for axis in (0, 1):
+        side = values.shape[axis]
+        place = np.arange(side)[:, None] + np.arange(-radius, radius + 1)
+        mirrored = np.clip(
+            np.where(place < 0, -1 - place, np.where(place >= side, 2 * side - 1 - place, place)), 0, side - 1
+        )
+        taps = np.exp(-0.5 * (np.arange(-radius, radius + 1) / max(deviation, 1e-9)) ** 2)
+        taken = np.moveaxis(values, axis, 0)[mirrored]
+        values = np.moveaxis(np.einsum("itk,t->ik", taken, taps / taps.sum()), 0, axis)
+    return values
 
 
 def gradient(u: Array) -> Array:
@@ -204,28 +251,93 @@ def divergence(p: Array) -> Array:
     return result
 
 
-def prox_dual(p: Array, sigma: float, epsilon: float) -> Array:
-    """The prox of sigma times the conjugate of the Huber norm, p of shape (2, H, W)."""
-    p = p / (1 + sigma * epsilon)
-    result: Array = p / np.maximum(1, np.sqrt(np.sum(p**2, axis=0)))
+def prox_dual(p: Array, sigma: float, epsilon: float, edge: Array | float = 1.0) -> Array:
+    """The prox of sigma times the conjugate of the weighed Huber norm, p (2, H, W), weight (H, W)."""
+    p = p / (1 + sigma * epsilon / edge)
+    result: Array = p / np.maximum(1, np.sqrt(np.sum(p**2, axis=0)) / edge)
     return result
 
 
-def prox_data(u: Array, step: float, data: tuple[Array, Array]) -> Array:
-    """argmin over v of (v - u)^2 / 2 + step (A v^2 / 2 + B v), each (H, W)."""
+def prox_data(
+    u: Array, step: float, data: tuple[Array, Array], draw: tuple[Array, Array] | None = None
+) -> Array:
+    """argmin over v of (v - u)^2 / 2 + step (A v^2 / 2 + B v) + weight |v - prior|, each (H, W).
+
+    `draw` is the prior and its weight; None for none.
+    """
     a, b = data
-    return (u - step * b) / (1 + step * a)
+    free: Array = (u - step * b) / (1 + step * a)
+    if draw is None:
+        return free
+    prior, weight = draw
+    away = free - prior
+    drawn: Array = prior + np.sign(away) * np.maximum(np.abs(away) - weight / (1 + step * a), 0)
+    return drawn
 
 
-def iterate(u: Array, p: Array, data: tuple[Array, Array], params: GdrParams) -> tuple[Array, Array]:
+def iterate(
+    u: Array, p: Array, data: tuple[Array, Array], params: GdrParams, guide: Guide = UNGUIDED
+) -> tuple[Array, Array]:
     """The primal-dual iterations of one warp; returns u (H, W) and p (2, H, W)."""
-    u_bar = u
+    u_bar, step = u, 2 * params.data_weight * params.tau
+    edge = 1.0 if guide.edge is None else np.asarray(guide.edge, np.float64)
+    draw = None
+    if guide.prior is not None and guide.trust is not None:
+        draw = np.asarray(guide.prior, np.float64), params.tau * np.asarray(guide.trust, np.float64)
     for _ in range(params.iterations):
-        p = prox_dual(p + params.sigma * gradient(u_bar), params.sigma, params.huber_epsilon)
+        p = prox_dual(p + params.sigma * gradient(u_bar), params.sigma, params.huber_epsilon, edge)
         old = u
-        u = prox_data(u + params.tau * divergence(p), 2 * params.data_weight * params.tau, data)
+        u = prox_data(u + params.tau * divergence(p), step, data, draw)
         u_bar = 2 * u - old
     return u, p
+
+
+def unknown_runs(known: Mask) -> list[tuple[int, int, int]]:
+    """Row, first column and the one after the last of each run of unknown pixels between known ones."""
+    runs = []
+    for y, row in enumerate(known):
+        edges = np.flatnonzero(np.diff(np.concatenate([[True], row, [True]]).astype(np.int8)))
+        runs += [
+            (y, int(a), int(b))
+            for a, b in zip(edges[::2], edges[1::2], strict=True)
+            if a > 0 and b < row.size
+        ]
+    return runs
+
+
+class Land(NamedTuple):
+    """What can be walked on, each (H, W), as `Backend.reach` says."""
+
+    reached: Mask
+    passing: Mask
+    soft: Mask
+    u: Array
+
+
+def _as_it_is(plane: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    return plane
+
+
+def _mirrored(plane: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    return plane[:, ::-1]
+
+
+def _turned(plane: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    return plane.T
+
+
+def _turned_over(plane: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    return plane[::-1, ::-1].T
+
+
+def walk(land: Land, step: float) -> Mask:
+    """What can be reached from the left along rows."""
+    reached = land.reached.copy()
+    for x in range(1, reached.shape[1]):
+        joined = np.abs(land.u[:, x] - land.u[:, x - 1]) <= step
+        joined |= land.soft[:, x] | land.soft[:, x - 1]
+        reached[:, x] |= reached[:, x - 1] & land.passing[:, x] & joined
+    return reached
 
 
 def directional_medians(u: Array, known: Mask, steps: int) -> Array:

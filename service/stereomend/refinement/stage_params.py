@@ -1,0 +1,234 @@
+"""What each stage can be told: ranges, units and the equations the parameters stand in.
+
+Equation numbers are those of Yang, Simon, Linte, J. Med. Imaging 10(4), 045001, 2023,
+doi:10.1117/1.JMI.10.4.045001; R numbers those of `docs/robust.md`. Lengths that belong to the picture are
+shares of its width, so that they hold for every size; those that belong to matching are pixels.
+"""
+
+from __future__ import annotations
+
+from typing import Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+
+
+class StageParams(BaseModel):
+    """Frozen, and strict about names and finite numbers."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class LdrParams(StageParams):
+    """Local disparity refinement, Eq. 1 to 5."""
+
+    window: int = Field(
+        21,
+        ge=3,
+        le=201,
+        description="side of the square window of the local mean, odd [px at working size] (Eq. 1)",
+    )
+    smoothness_weight: float = Field(
+        20.0, ge=0, le=1000, description="alpha_s, falloff of smoothness [1] (Eq. 1)"
+    )
+    smoothness_power: int = Field(
+        1,
+        ge=1,
+        le=4,
+        description="exponent of C_s in C_f [1]: 1 as printed (Eq. 4), 2 in the authors' program",
+    )
+    photometric_weight: float = Field(
+        2.0,
+        ge=0,
+        le=1000,
+        description="alpha_p, falloff of photometric consistency [1], 0 leaves it out (Eq. 2)",
+    )
+    min_saturation: float = Field(
+        0.1,
+        ge=0,
+        le=1,
+        description="th_s, HSV saturation at or below which a pixel may be a highlight [1] (Eq. 3)",
+    )
+    min_confidence: float = Field(
+        0.5, ge=0, le=1, description="th_f, confidence below which a pixel is an outlier [1] (Eq. 5)"
+    )
+    search_px: float = Field(
+        40.0, ge=1, le=10000, description="steps taken in each of the eight directions [px at input size]"
+    )
+    passes: int = Field(5, ge=1, le=100, description="repetitions of the search while holes remain [1]")
+    specular: Literal["saturation", "bright", "glint", "off"] = Field(
+        "saturation",
+        description="what is a highlight: low saturation (Eq. 3), low saturation and high value, "
+        "that and small, or nothing",
+    )
+    method: Literal["smoothness", "evidence"] = Field(
+        "smoothness",
+        description="what confidence is made of: Eq. 1 to 4, or how well the pair agrees (R1)",
+    )
+    least_evidence: float = Field(
+        0.2, ge=-1, le=1, description="n at which confidence starts [1]; method evidence (R1)"
+    )
+    full_evidence: float = Field(
+        0.7, ge=-1, le=1, description="n from which on evidence is full [1]; method evidence (R1)"
+    )
+    speckle_share: float = Field(
+        0.0007,
+        ge=0,
+        le=1,
+        description="smooth patches below this share of the picture are speckles [1]; method evidence (R1)",
+    )
+    occlusion_stretch: float = Field(
+        1.6,
+        ge=0,
+        le=10,
+        description="longest occlusion, in jumps of disparity [1]; method evidence (R2)",
+    )
+    occlusion_slack: float = Field(
+        6.0, ge=0, le=1000, description="and so much longer [px at working size]; method evidence (R2)"
+    )
+
+    @field_validator("window")
+    @classmethod
+    def _odd(cls, window: int) -> int:
+        if window % 2 == 0:
+            raise ValueError(f"expected an odd number, got {window}")
+        return window
+
+
+class GdrParams(StageParams):
+    """Global disparity refinement, Eq. 9 to 14, and its primal-dual solver (Chambolle and Pock 2011)."""
+
+    data_weight: float = Field(
+        0.5,
+        ge=0,
+        le=1000,
+        description="lambda, weight of the descriptors' distance, summed over 8 [1] (Eq. 9)",
+    )
+    huber_epsilon: float = Field(
+        0.1,
+        ge=0,
+        le=100,
+        description="epsilon, gradient where |.|_eps turns from square to norm [px/px] (Eq. 12)",
+    )
+    levels: int = Field(4, ge=1, le=16, description="levels of the pyramid; small images get fewer [1]")
+    warps: int = Field(50, ge=1, le=1000, description="linearisations per level [1]")
+    iterations: int = Field(5, ge=1, le=1000, description="primal-dual iterations per warp [1]")
+    descriptor: Literal["signed", "absolute"] = Field(
+        "signed", description="differences to the 3 x 3 neighbours, signed or, as printed, absolute (Eq. 10)"
+    )
+    coarse_warps: int = Field(
+        0, ge=0, le=1000, description="linearisations on all levels but the finest [1]; 0: as many as there"
+    )
+    coarse_iterations: int = Field(
+        0, ge=0, le=1000, description="iterations per warp on those levels [1]; 0: as many as on the finest"
+    )
+    averaging_px: float = Field(
+        0.0,
+        ge=0,
+        le=4,
+        description="standard deviation of the window that the linearised data term is averaged over "
+        "[px of the level]; 0: none (R5)",
+    )
+    observed_only: bool = Field(
+        False, description="no data term where the right image does not show the pixel (R5)"
+    )
+    edge_falloff: float = Field(
+        0.0,
+        ge=0,
+        le=100,
+        description="how fast the smoothness weighs less at colour edges [1]; 0: it does not (R4)",
+    )
+    edge_power: float = Field(0.8, gt=0, le=4, description="exponent of the colour difference [1] (R4)")
+    edge_floor: float = Field(0.03, gt=0, le=1, description="least weight of the smoothness [1] (R4)")
+    prior_weight: float = Field(
+        0.0, ge=0, le=100, description="weight of |u - prior| where confidence is 1 [1] (R3)"
+    )
+    fill_weight: float = Field(
+        0.0, ge=0, le=100, description="weight of |u - prior| in filled occlusions [1] (R3)"
+    )
+    reuse_margin: float | None = Field(
+        None,
+        ge=0,
+        le=2,
+        description="how much more evidence the prior needs to replace what a coarser level found [1]; "
+        "null: it never does (R6)",
+    )
+    tau: float = Field(0.25, gt=0, le=10, description="primal step [1]; 8 tau sigma <= 1")
+    sigma: float = Field(0.5, gt=0, le=10, description="dual step [1]; 8 tau sigma <= 1")
+
+    @model_validator(mode="after")
+    def _converges(self) -> Self:
+        if 8 * self.tau * self.sigma > 1 + 1e-9:
+            raise ValueError(f"expected 8 * tau * sigma <= 1, got {8 * self.tau * self.sigma:g}")
+        return self
+
+
+class FusionParams(StageParams):
+    """The choice between the upload and what GDR found (R7 to R10)."""
+
+    enabled: bool = Field(False, description="choose pixel by pixel; else GDR's map is the result")
+    tolerance_px: float = Field(
+        1.3, gt=0, le=100, description="difference at which upload and GDR disagree [px at input size] (R8)"
+    )
+    trust_width: float = Field(
+        0.055, gt=0, le=1, description="window that trust is averaged over [share of the width] (R8)"
+    )
+    evidence_width: float = Field(
+        0.045, gt=0, le=1, description="window that evidence is compared over [share of the width] (R9)"
+    )
+    far_share: float = Field(
+        0.1, ge=0, le=1, description="weight of a window four times as wide, or of all [1] (R8, R9)"
+    )
+    min_trust: float = Field(0.62, ge=0, le=1, description="trust from which the upload counts [1] (R8)")
+    full_trust: float = Field(0.75, ge=0, le=1, description="trust from which it counts in full [1] (R8)")
+    high_trust: float = Field(
+        0.85,
+        ge=0,
+        le=1,
+        description="trust that lets the upload hide what GDR sees [1] (R10)",
+    )
+    worse_by: float = Field(
+        0.008, ge=0, le=1, description="share of evidence that the upload lacks and loses by [1] (R9)"
+    )
+    equal_within: float = Field(
+        0.002, ge=0, le=1, description="share of evidence that it may lack and win [1] (R9)"
+    )
+    win_margin: float = Field(
+        0.02, ge=0, le=2, description="evidence that it needs beyond GDR's where they differ [1] (R10)"
+    )
+    near_px: float = Field(
+        1.5, gt=0, le=100, description="up to here the two are blended [px at input size] (R10)"
+    )
+    weak_share: float = Field(
+        0.6,
+        ge=0,
+        le=1,
+        description="GDR sees nothing below this share of the evidence around [1] (R10)",
+    )
+    rough_share: float = Field(
+        0.2, ge=0, le=1, description="share of steps around that makes the upload rough [1] (R10)"
+    )
+    trusted_rough_share: float = Field(
+        0.5, ge=0, le=1, description="the same where trust is all but complete [1] (R10)"
+    )
+    unknown_share: float = Field(
+        0.1, ge=0, le=1, description="share of unknown pixels around that makes it patchy [1] (R10)"
+    )
+    step_px: float = Field(
+        0.8, gt=0, le=100, description="steps of a smooth surface [px at working size] (R10)"
+    )
+    soft_edge: float = Field(
+        0.42, ge=0, le=1, description="smoothness weight below which the surface may jump [1] (R10)"
+    )
+    patch_share: float = Field(
+        0.003,
+        ge=0,
+        le=1,
+        description="smallest patch of the upload that is kept [share of the picture] (R10)",
+    )
+    reach: float = Field(
+        0.8, gt=0, le=10, description="window of the plane fit, in large disparities [1] (R7)"
+    )
+    flat_px: float = Field(
+        1.0, gt=0, le=100, description="residual at which a plane counts half [px at working size] (R7)"
+    )
+    bend: float = Field(0.1, ge=0, le=1, description="largest change by the plane, in disparities [1] (R7)")

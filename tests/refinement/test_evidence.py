@@ -1,0 +1,157 @@
+"""What the pair says for a map: windows, speckles, colour edges, confidence."""
+
+import math
+
+import numpy as np
+import pytest
+
+from stereomend.phantom import break_disparity, make_phantom
+from stereomend.refinement import parse_params, select_backend
+from stereomend.refinement.evidence import (
+    edge_weights,
+    evidence,
+    evidence_confidence,
+    mean_around,
+    ramp,
+    speckles,
+)
+from stereomend.refinement.pyramid import Sparse
+from stereomend.refinement.scene import make_scene
+from stereomend.refinement.stage_params import GdrParams
+
+SHAPES = [(1, 1), (1, 33), (33, 1), (2, 3), (61, 47)]
+ROBUST = parse_params({"preset": "robust"})
+
+
+@pytest.fixture(scope="module", params=["native", "reference"])
+def backend(request):
+    return select_backend(request.param, threads=2)
+
+
+@pytest.fixture(scope="module")
+def phantom():
+    return make_phantom(312, 320, 256, instrument=True)
+
+
+@pytest.fixture(scope="module")
+def scene(phantom, backend):
+    return make_scene(phantom.pair, phantom.pair.shape, ROBUST.ldr, backend)
+
+
+def test_a_ramp_rises_between_its_ends():
+    values = np.array([-9, 0.2, 0.3, 0.45, 0.7, 5], np.float32)
+    assert ramp(values, 0.2, 0.7) == pytest.approx([0, 0, 0.2, 0.5, 1, 1])
+    assert ramp(values, 0.2, 0.7).dtype == np.float32
+    assert ramp(np.array([0.1, 0.5, 0.6]), 0.5, 0.5).tolist() == [0, 0, 1]
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("side", [3, 5, 15])
+@pytest.mark.parametrize("shape", SHAPES)
+def test_means_around_a_pixel_mirror_the_borders(shape, side, dtype):
+    values = np.random.default_rng(1).uniform(-1, 1, shape).astype(dtype)
+    padded = np.pad(values.astype(float), side // 2, mode="symmetric")
+    found = mean_around(values, side)
+    assert found.dtype == dtype
+    for y, x in np.ndindex(shape):
+        assert found[y, x] == pytest.approx(padded[y : y + side, x : x + side].mean(), abs=1e-6)
+
+
+def patches(u, valid, step):
+    """Flood fill: from pixel to neighbouring pixel as long as u changes by at most `step`."""
+    label, sizes = np.full(u.shape, -1), []
+    for start in map(tuple, np.argwhere(valid)):
+        if label[start] >= 0:
+            continue
+        label[start], open_ends, size = len(sizes), [start], 0
+        while open_ends:
+            y, x = open_ends.pop()
+            size += 1
+            for there in ((y + 1, x), (y - 1, x), (y, x + 1), (y, x - 1)):
+                inside = 0 <= there[0] < u.shape[0] and 0 <= there[1] < u.shape[1]
+                if inside and valid[there] and label[there] < 0 and abs(u[there] - u[y, x]) <= step:
+                    label[there] = label[start]
+                    open_ends.append(there)
+        sizes.append(size)
+    return label, np.array(sizes)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize(("share", "step"), [(0.0013, 1.0), (0.0071, 0.5), (0.21, 1.0), (0.83, 3.0)])
+def test_speckles_are_the_small_patches_of_a_flood_fill(shape, share, step):
+    rng = np.random.default_rng(2)
+    valid = rng.random(shape) < 0.9
+    u = rng.choice([2, 2.5, 3, 3.5, 6, 9.0625, 40], shape, p=[0.3, 0.2, 0.2, 0.1, 0.1, 0.05, 0.05]) * valid
+    label, sizes = patches(u, valid, step)
+    small = np.append(sizes < share * u.size, False)
+    assert (speckles(Sparse(u.astype(np.float32), valid), share, step) == small[label]).all()
+
+
+def test_one_wrong_pixel_is_a_speckle_and_a_large_patch_is_none():
+    u = np.full((40, 50), 7.0)
+    u[10, 10], u[20:30, 20:30] = 15, 12
+    assert np.argwhere(speckles(Sparse(u, u > 0), 0.001)).tolist() == [[10, 10]]
+
+
+def test_edge_weights_follow_the_largest_channel():
+    """A step of a tenth of the range along x and one of three tenths along y meet in one pixel."""
+    red, green, blue = np.full((3, 3, 4), 100.0)
+    green[:, 2:] += 25.5
+    blue[2:] += 76.5
+    params = GdrParams(edge_falloff=2.0, edge_power=0.8, edge_floor=0.03)
+    along_x, along_y = (math.exp(-2 * share**0.8) for share in (0.1, 0.3))
+    expected = [[1, along_x, 1, 1], [along_y] * 4, [1, along_x, 1, 1]]
+    assert np.allclose(edge_weights((red, green, blue), params), expected)
+    both = math.exp(-2 * math.hypot(0.1, 0.3) ** 0.8)
+    assert edge_weights((green + blue,), params)[1, 1] == pytest.approx(both)
+
+
+def test_edge_weights_stay_above_their_floor_and_keep_their_type():
+    black_and_white = np.array([[0, 255, 0, 0]], np.float32)
+    weight = edge_weights((black_and_white,), GdrParams(edge_falloff=10, edge_floor=0.03))
+    assert weight.dtype == np.float32
+    assert weight.shape == (1, 4)
+    assert weight[0] == pytest.approx([0.03, 0.03, 1, 1])
+    assert edge_weights((black_and_white,), GdrParams(edge_falloff=0)) is None
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_a_plain_picture_of_any_size_has_no_edge(shape):
+    plain = np.full(shape, 80.0, np.float32)
+    assert (edge_weights((plain, plain + 1, plain), ROBUST.gdr) == 1).all()
+
+
+def test_the_truth_has_more_evidence_than_the_truth_moved(phantom, scene, backend):
+    seen = ~phantom.occluded
+    truth = backend.plane(phantom.truth)
+    at_truth = evidence(scene.left, scene.right, truth, backend)
+    for off in (-3, -1, 1, 3):
+        beside = evidence(scene.left, scene.right, truth + truth.dtype.type(off), backend)
+        assert at_truth[seen].mean() > beside[seen].mean() + 0.3
+        assert np.mean(at_truth[seen] > beside[seen]) > 0.9
+
+
+def test_confidence_from_evidence_is_high_where_the_map_is_right(phantom, scene, backend):
+    broken = break_disparity(phantom, 312)
+    sparse = Sparse(backend.plane(broken.values), broken.valid)
+    confidence = evidence_confidence(sparse, scene, ROBUST.ldr, backend)
+    error, seen = np.abs(broken.values - phantom.truth), ~phantom.occluded & broken.valid
+    assert ((confidence >= 0) & (confidence <= 1)).all()
+    assert np.mean(confidence[seen & (error < 0.3)] > 0.3) > 0.7
+    assert np.mean(confidence[broken.valid & (error > 4)] > 0.3) < 0.1
+    assert not confidence[~broken.valid].any()
+
+
+def test_nothing_is_trusted_in_glints_where_hidden_or_where_a_network_says_next_to_nothing(
+    phantom, scene, backend
+):
+    u = backend.plane(phantom.truth)
+    u[100:140, 100:140] = 0.4
+    everywhere = np.ones(u.shape, bool)
+    confidence = evidence_confidence(Sparse(u, everywhere), scene, ROBUST.ldr, backend)
+    assert not confidence[100:140, 100:140].any()
+    assert (~scene.matte).any()
+    assert not confidence[~scene.matte].any()
+    outside = np.arange(u.shape[1]) < u
+    assert not confidence[outside].any()
+    assert confidence[~phantom.occluded].mean() > 0.4
