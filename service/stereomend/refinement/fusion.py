@@ -24,6 +24,7 @@ from stereomend.refinement.stage_params import FusionParams
 _FAR = 4  # times as wide: the faint window that carries trust over gaps
 _MARGIN = 3  # px from the frame, where descriptors still see only the pair
 _AROUND_HIDDEN = 2  # px that a descriptor and its window see of what is hidden
+_BESIDE_HIDDEN = 4  # px that a window sees of it where two readings are compared
 _AROUND_GLINTS = 4  # px
 _CLOSE = 3  # side of the window that two readings are compared over where they differ, px
 _PATCH = 11  # side of the window that holes are looked for in, px
@@ -184,10 +185,16 @@ def _reach(judge: _Judge, seen: _Seen, trust: _Trust) -> Mask:
     edge = judge.scene.edge
     soft = np.zeros(upload.valid.shape, np.bool_) if edge is None else edge < params.soft_edge
     contradicted = trust.strong & ~seen.near & ~trust.wins
-    contradicted &= seen.upload | (trust.level < params.high_trust)
+    contradicted &= _comparable(judge, seen, trust) | (trust.level < params.high_trust)
     passing = upload.valid & trusted & ~contradicted & ~_rough(judge, trust, soft)
     seeds = trusted & seen.near & seen.u & seen.upload
     return judge.backend.reach(seeds, passing, soft, upload.u, params.step_px)
+
+
+def _comparable(judge: _Judge, seen: _Seen, trust: _Trust) -> Mask:
+    """Where the upload is shown, and not beside what a trusted upload hides: that spoils its evidence."""
+    beside = _grown(judge.maps.upload.valid & ~seen.upload, _BESIDE_HIDDEN)
+    return seen.upload & ~(beside & (trust.level >= judge.params.high_trust))
 
 
 def _strong(judge: _Judge, seen: _Seen, usual: Plane) -> Mask:
@@ -218,7 +225,7 @@ def _rough(judge: _Judge, trust: _Trust, soft: Mask) -> Mask:
 def _share(judge: _Judge, seen: _Seen, trust: _Trust, reached: Mask) -> Plane:
     params, upload = judge.params, judge.maps.upload
     trusted = trust.level > (params.min_trust + params.full_trust) / 2
-    apart = np.where(trust.strong & seen.upload, trusted & trust.wins, reached)
+    apart = np.where(trust.strong & _comparable(judge, seen, trust), trusted & trust.wins, reached)
     together = np.where(seen.u, trust.equal, reached)
     kept = upload.valid & ~speckles(upload, params.patch_share)
     share: Plane = np.where(seen.near, together, apart) * kept

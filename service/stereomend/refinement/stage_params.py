@@ -199,7 +199,7 @@ class FusionParams(StageParams):
         1.5, gt=0, le=100, description="up to here the two are blended [px at input size] (R10)"
     )
     weak_share: float = Field(
-        0.6,
+        0.8,
         ge=0,
         le=1,
         description="GDR sees nothing below this share of the evidence around [1] (R10)",
