@@ -194,6 +194,8 @@ double measure(double (*rate)(int), int threads) {
 }  // namespace
 
 NB_MODULE(_native, m) {
+    // An engine may live as long as the interpreter, in a variable of a program or a traceback that something keeps.
+    nb::set_leak_warnings(false);
     m.doc() = "LDR and GDR on the CPU. Planes are C-contiguous, (height, width), float32 or bool.";
     m.attr("KERNEL_HASH") = KERNEL_HASH;
     m.def("instruction_sets", &stereomend::instruction_sets, "What this machine can run, best first.");
