@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +12,7 @@ from stereomend.api.server import background_server
 from stereomend.client import Client
 from stereomend.codec import PREVIEW_TYPE, Span, colourise, encode_result
 from stereomend.disparity import FloatMap, Image, Provenance, RefinementResult
+from stereomend.evaluation.metrics import Scores, score
 from stereomend.opencv import cv2
 from stereomend.phantom import Phantom, break_disparity, make_phantom
 from stereomend.settings import load_settings
@@ -36,20 +36,6 @@ _CAPTION_PX = 28
 _GAP_PX = 6
 
 
-class Errors(NamedTuple):
-    """Of a disparity map against the truth."""
-
-    rmse_px: float
-    epe_px: float
-    bad3_percent: float
-
-
-def errors_of(disparity: FloatMap, truth: FloatMap) -> Errors:
-    """Compare two maps of shape (H, W), in pixels."""
-    error = np.abs(disparity.astype(np.float64) - truth)
-    return Errors(float(np.sqrt(np.mean(error**2))), float(error.mean()), float(100 * np.mean(error > 3)))
-
-
 def run_demo(folder: Path) -> Path:
     """Refine one phantom through a server on a free port, print errors and timings, draw pictures.
 
@@ -69,10 +55,10 @@ def run_demo(folder: Path) -> Path:
         print(
             f"A phantom of {phantom.pair.shape[1]} x {phantom.pair.shape[0]} px, refined over HTTP by {url}\n"
         )
-        _print_errors("network", errors_of(upload, phantom.truth))
+        _print_errors("network", score(upload, phantom.truth))
         for name, params in RUNS:
             result = client.refine(phantom.pair.left, phantom.pair.right, upload, **params)
-            _print_errors(name, errors_of(result.disparity, phantom.truth))
+            _print_errors(name, score(result.disparity, phantom.truth))
     print("\nmilliseconds of the last one: " + ", ".join(f"{k} {v:.1f}" for k, v in result.timings.items()))
     write_phantom(folder, phantom, upload)
     overview = _draw(folder, phantom, upload, result)
@@ -80,10 +66,10 @@ def run_demo(folder: Path) -> Path:
     return overview
 
 
-def _print_errors(name: str, errors: Errors) -> None:
+def _print_errors(name: str, errors: Scores) -> None:
     print(
-        f"  {name:18s} RMSE {errors.rmse_px:6.2f} px   mean {errors.epe_px:6.2f} px   "
-        f"over 3 px {errors.bad3_percent:5.1f} %"
+        f"  {name:18s} RMSE {errors.rmse:6.2f} px   mean {errors.epe:6.2f} px   "
+        f"over 3 px {errors.bad[3.0]:5.1f} %"
     )
 
 

@@ -102,12 +102,16 @@ class _Trust(NamedTuple):
 
     level: Plane
     """0 to 1 (R8)."""
+    enough: Mask
+    """The level is half way to full trust or more."""
     equal: Plane
     """0 to 1: where both say nearly the same, it is as good as GDR's map (R9)."""
     strong: Mask
     """GDR's map is really seen, not only not hidden."""
     wins: Mask
     """The upload has clearly more evidence."""
+    comparable: Mask
+    """The upload is shown, and not beside what a trusted upload hides: that spoils its evidence."""
 
 
 def fuse(scene: Scene, maps: Readings, params: RefineParams, backend: Backend) -> Fused:
@@ -148,11 +152,14 @@ def _trust(judge: _Judge, seen: _Seen) -> _Trust:
     level = ratio(agreed, voted)
     equal, usual = _compared(judge, seen, votes)
     trusted = np.asarray(ramp(level, params.min_trust, params.full_trust), np.float64)
+    found = grid.pixels(level)
     return _Trust(
-        grid.pixels(level),
+        found,
+        found > (params.min_trust + params.full_trust) / 2,
         grid.pixels(equal * trusted),
         _strong(judge, seen, grid.pixels(usual)),
         _wins(judge, seen),
+        _comparable(judge, seen, found),
     )
 
 
@@ -181,20 +188,18 @@ def _compared(judge: _Judge, seen: _Seen, votes: Plane) -> tuple[Array, Array]:
 def _reach(judge: _Judge, seen: _Seen, trust: _Trust) -> Mask:
     """What the upload says of hidden surfaces, as far as it continues what can be checked (R10)."""
     params, upload = judge.params, judge.maps.upload
-    trusted = trust.level > (params.min_trust + params.full_trust) / 2
     edge = judge.scene.edge
     soft = np.zeros(upload.valid.shape, np.bool_) if edge is None else edge < params.soft_edge
     contradicted = trust.strong & ~seen.near & ~trust.wins
-    contradicted &= _comparable(judge, seen, trust) | (trust.level < params.high_trust)
-    passing = upload.valid & trusted & ~contradicted & ~_rough(judge, trust, soft)
-    seeds = trusted & seen.near & seen.u & seen.upload
+    contradicted &= trust.comparable | (trust.level < params.high_trust)
+    passing = upload.valid & trust.enough & ~contradicted & ~_rough(judge, trust, soft)
+    seeds = trust.enough & seen.near & seen.u & seen.upload
     return judge.backend.reach(seeds, passing, soft, upload.u, params.step_px)
 
 
-def _comparable(judge: _Judge, seen: _Seen, trust: _Trust) -> Mask:
-    """Where the upload is shown, and not beside what a trusted upload hides: that spoils its evidence."""
+def _comparable(judge: _Judge, seen: _Seen, level: Plane) -> Mask:
     beside = _grown(judge.maps.upload.valid & ~seen.upload, _BESIDE_HIDDEN)
-    return seen.upload & ~(beside & (trust.level >= judge.params.high_trust))
+    return seen.upload & ~(beside & (level >= judge.params.high_trust))
 
 
 def _strong(judge: _Judge, seen: _Seen, usual: Plane) -> Mask:
@@ -224,8 +229,7 @@ def _rough(judge: _Judge, trust: _Trust, soft: Mask) -> Mask:
 
 def _share(judge: _Judge, seen: _Seen, trust: _Trust, reached: Mask) -> Plane:
     params, upload = judge.params, judge.maps.upload
-    trusted = trust.level > (params.min_trust + params.full_trust) / 2
-    apart = np.where(trust.strong & _comparable(judge, seen, trust), trusted & trust.wins, reached)
+    apart = np.where(trust.strong & trust.comparable, trust.enough & trust.wins, reached)
     together = np.where(seen.u, trust.equal, reached)
     kept = upload.valid & ~speckles(upload, params.patch_share)
     share: Plane = np.where(seen.near, together, apart) * kept
