@@ -21,6 +21,8 @@ using stereomend::ConfidenceParams;
 using stereomend::Level;
 using stereomend::Size;
 using stereomend::SolverParams;
+using stereomend::SpeckleRule;
+using stereomend::TrustParams;
 
 namespace {
 
@@ -101,12 +103,51 @@ public:
         return means;
     }
 
-    Output<float> similarity(const Plane& left, const Plane& right, const Plane& u) {
-        check_same_shape(left, right, u);
-        const Level level = level_of(left, right, nullptr);
+    // n of each map.
+    std::vector<Output<float>> evidence(const Plane& left, const Plane& right, const std::vector<Plane>& maps) {
+        check_same_shape(left, right);
+        std::vector<Output<float>> out;
+        std::vector<const float*> u;
+        std::vector<float*> found;
+        for (const Plane& map : maps) {
+            check_same_shape(left, map);
+            u.push_back(map.data());
+            out.push_back(new_plane<float>(left.shape(0), left.shape(1)));
+            found.push_back(out.back().data());
+        }
+        nb::gil_scoped_release unlocked;
+        engine_.evidence({size_of(left), left.data(), right.data()}, u, found);
+        return out;
+    }
+
+    Output<float> trust(const Plane& left, const Plane& right, const Plane& u, const Flags& valid, const Flags& matte,
+                        const TrustParams& params, const SpeckleRule& rule) {
+        check_same_shape(left, right, u, valid, matte);
+        const ConfidenceInput input{size_of(left), left.data(), right.data(), u.data(), valid.data(), matte.data()};
         Output<float> out = new_plane<float>(left.shape(0), left.shape(1));
         nb::gil_scoped_release unlocked;
-        engine_.similarity(level, u.data(), out.data());
+        engine_.trust(input, params, rule, out.data());
+        return out;
+    }
+
+    Output<bool> speckles(const Plane& u, const Flags& valid, const SpeckleRule& rule) {
+        check_same_shape(u, valid);
+        Output<bool> out = new_plane<bool>(u.shape(0), u.shape(1));
+        nb::gil_scoped_release unlocked;
+        engine_.speckles({size_of(u), u.data(), valid.data(), rule.step}, rule.largest, out.data());
+        return out;
+    }
+
+    Output<float> edge_weights(const std::vector<Plane>& channels, float falloff, float power, float floor) {
+        if (channels.empty() || channels.size() > 3) throw nb::value_error("channels: expected 1 to 3");
+        stereomend::Channels given{size_of(channels[0]), static_cast<int>(channels.size()), {}};
+        for (size_t k = 0; k < channels.size(); ++k) {
+            check_same_shape(channels[0], channels[k]);
+            given.levels[k] = channels[k].data();
+        }
+        Output<float> out = new_plane<float>(channels[0].shape(0), channels[0].shape(1));
+        nb::gil_scoped_release unlocked;
+        engine_.edge_weights(given, {falloff, power, floor}, out.data());
         return out;
     }
 
@@ -212,14 +253,24 @@ NB_MODULE(_native, m) {
     nb::class_<ConfidenceParams>(m, "ConfidenceParams", "Of Eq. 1 and 2; the window in px.")
         .def(nb::init<int, float, int, float>(), nb::kw_only(), "window"_a, "smoothness_weight"_a,
              "smoothness_power"_a, "photometric_weight"_a);
+    nb::class_<TrustParams>(m, "TrustParams", "Evidence where confidence begins and is full; and px that say nothing.")
+        .def(nb::init<float, float, float>(), nb::kw_only(), "least"_a, "full"_a, "smallest"_a);
+    nb::class_<SpeckleRule>(m, "SpeckleRule", "The most pixels of a speckle, and the largest step inside of one, px.")
+        .def(nb::init<int, float>(), nb::kw_only(), "largest"_a, "step"_a);
     nb::class_<PyEngine>(m, "Engine", "The kernels with threads and buffers of their own; one call at a time.")
         .def(nb::init<int, const std::string&>(), "threads"_a, "instruction_set"_a = "")
         .def("solve", &PyEngine::solve, "left"_a.noconvert(), "right"_a.noconvert(), "u"_a.noconvert(),
              "weight"_a.noconvert().none(), "params"_a, "edge"_a.noconvert().none() = nb::none(),
              "prior"_a.noconvert().none() = nb::none(), "trust"_a.noconvert().none() = nb::none(),
              "All warps of one level; returns the new u.")
-        .def("similarity", &PyEngine::similarity, "left"_a.noconvert(), "right"_a.noconvert(), "u"_a.noconvert(),
-             "The inner product of the descriptors at every pixel.")
+        .def("evidence", &PyEngine::evidence, "left"_a.noconvert(), "right"_a.noconvert(), "maps"_a.noconvert(),
+             "n of each map.")
+        .def("trust", &PyEngine::trust, "left"_a.noconvert(), "right"_a.noconvert(), "u"_a.noconvert(),
+             "valid"_a.noconvert(), "matte"_a.noconvert(), "params"_a, "rule"_a, "c at every pixel.")
+        .def("speckles", &PyEngine::speckles, "u"_a.noconvert(), "valid"_a.noconvert(), "rule"_a,
+             "Which valid pixels belong to small patches.")
+        .def("edge_weights", &PyEngine::edge_weights, "channels"_a.noconvert(), "falloff"_a, "power"_a, "floor"_a,
+             "Weights of the smoothness.")
         .def("fill_occlusions", &PyEngine::fill_occlusions, "u"_a.noconvert(), "known"_a.noconvert(), "step"_a,
              "stretch"_a, "slack"_a, "u with its occlusions filled, and which pixels those are.")
         .def("reach", &PyEngine::reach, "seeds"_a.noconvert(), "passing"_a.noconvert(), "soft"_a.noconvert(),

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from stereomend.refinement.backends import Backend, Guide, Plane, Size
-from stereomend.refinement.evidence import edge_weights, evidence
+from stereomend.refinement.evidence import edge_weights
 from stereomend.refinement.ldr import Local
 from stereomend.refinement.pyramid import enlarge_disparity, level_sizes
 from stereomend.refinement.scene import Scene
@@ -50,9 +50,9 @@ class _Level(NamedTuple):
         return self.left.shape[0], self.left.shape[1]
 
 
-def with_edges(scene: Scene, params: GdrParams) -> Scene:
+def with_edges(scene: Scene, params: GdrParams, backend: Backend) -> Scene:
     """The scene with the weights of the smoothness that `params` ask for (R4)."""
-    return scene._replace(edge=edge_weights(scene.channels, params))
+    return scene._replace(edge=edge_weights(scene.channels, params, backend))
 
 
 def refine_globally(scene: Scene, prior: Prior, params: GdrParams, backend: Backend) -> Plane:
@@ -94,7 +94,7 @@ def _better(level: _Level, u: Plane, params: GdrParams, backend: Backend) -> Pla
     """The prior where the pair speaks for it far more than for what coarser levels found (R6)."""
     if params.reuse_margin is None:
         return u
-    found, claimed = (evidence(level.left, level.right, map_, backend) for map_ in (u, level.prior.u))
+    found, claimed = backend.evidence(level.left, level.right, (u, level.prior.u))
     different = (np.abs(level.prior.u - u) > _DIFFERENT) & ~backend.unobserved(level.prior.u)
     stronger = claimed > np.maximum(found + params.reuse_margin, _LEAST_EVIDENCE)
     return np.where(different & stronger, level.prior.u, u)
@@ -106,7 +106,7 @@ def _coarser(level: _Level, size: Size, params: GdrParams, backend: Backend) -> 
     ratio = start.dtype.type(size[1] / level.size[1])
     weight = None if level.weight is None else backend.shrink(level.weight, size)
     # Of the shrunken colours: the mean of weights would keep edges that the level does not show.
-    edge, prior = edge_weights(channels, params), _coarser_prior(level.prior, size, backend)
+    edge, prior = edge_weights(channels, params, backend), _coarser_prior(level.prior, size, backend)
     return _Level(left, right, channels, edge, start * ratio, prior, weight)
 
 

@@ -130,7 +130,7 @@ def globally(
     """GDR's map, (H, W) px, and the choice between it and the upload where the parameters ask for one."""
     prior, scene = (
         prior_of(trusted.local, trusted.confidence, params.gdr),
-        with_edges(begun.scene, params.gdr),
+        with_edges(begun.scene, params.gdr, backend),
     )
     refined = refine_globally(scene, prior, params.gdr, backend)
     if not params.fusion.enabled or begun.start.kind == "zero":

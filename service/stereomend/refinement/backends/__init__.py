@@ -5,7 +5,16 @@ from __future__ import annotations
 import os
 
 from stereomend.errors import BackendUnavailable
-from stereomend.refinement.backends.base import Backend, Guide, OcclusionRule, Plane, Reading, Size, Usable
+from stereomend.refinement.backends.base import (
+    Backend,
+    Guide,
+    OcclusionRule,
+    Plane,
+    Reading,
+    Size,
+    SpeckleRule,
+    Usable,
+)
 from stereomend.refinement.backends.reference import ReferenceBackend
 
 __all__ = [
@@ -16,6 +25,7 @@ __all__ = [
     "Plane",
     "Reading",
     "Size",
+    "SpeckleRule",
     "Usable",
     "select_backend",
 ]

@@ -13,7 +13,18 @@ import numpy as np
 import numpy.typing as npt
 
 from stereomend.disparity import Mask
-from stereomend.refinement.backends.base import UNGUIDED, Guide, OcclusionRule, Plane, Reading, Size, Usable
+from stereomend.refinement.backends import reference_evidence as parts
+from stereomend.refinement.backends.base import (
+    SMALLEST,
+    UNGUIDED,
+    Guide,
+    OcclusionRule,
+    Plane,
+    Reading,
+    Size,
+    SpeckleRule,
+    Usable,
+)
 from stereomend.refinement.stage_params import GdrParams, LdrParams
 
 Array = npt.NDArray[np.float64]
@@ -91,11 +102,35 @@ class ReferenceBackend:
             u, p = iterate(u, p, (a, r - a * u), params, guide)
         return u
 
-    def similarity(self, left: Plane, right: Plane, u: Plane) -> Plane:
-        """See `Backend.similarity`."""
-        left, right, u = self.plane(left), self.plane(right), self.plane(u)
-        product: Array = np.sum(describe(left, "signed") * describe(warp(right, u), "signed"), axis=0)
-        return product
+    def evidence(self, left: Plane, right: Plane, maps: Sequence[Plane]) -> list[Plane]:
+        """See `Backend.evidence`."""
+        left, right = self.plane(left), self.plane(right)
+        own = describe(left, "signed")
+        warped = (describe(warp(right, self.plane(u)), "signed") for u in maps)
+        return [parts.mean_5x5(np.sum(own * other, axis=0)) for other in warped]
+
+    def evidence_confidence(
+        self, left: Plane, right: Plane, u: Plane, usable: Usable, params: LdrParams
+    ) -> Plane:
+        """See `Backend.evidence_confidence`."""
+        (n,), u = self.evidence(left, right, [u]), self.plane(u)
+        counts = usable.valid & usable.matte & (u > SMALLEST) & ~self.unobserved(u)
+        counts &= ~self.speckles(u, usable.valid, SpeckleRule.of(params.speckle_share, u))
+        share = (n - params.least_evidence) / max(params.full_evidence - params.least_evidence, 1e-9)
+        confidence: Array = np.clip(share, 0, 1) * np.exp(-np.abs(u - parts.median_5x5(u))) * counts
+        return confidence
+
+    def speckles(self, u: Plane, valid: Mask, rule: SpeckleRule) -> Mask:
+        """See `Backend.speckles`."""
+        label = parts.patches(self.plane(u), valid, rule.step)
+        small: Mask = valid & (np.bincount(label.ravel())[label] <= rule.largest)
+        return small
+
+    def edge_weights(self, channels: Sequence[Plane], params: GdrParams) -> Plane:
+        """See `Backend.edge_weights`."""
+        steepest = np.max([np.hypot(*gradient(self.plane(channel))) for channel in channels], axis=0) / 255
+        weight: Array = np.exp(-params.edge_falloff * steepest**params.edge_power)
+        return np.maximum(weight, params.edge_floor)
 
     def fill_occlusions(self, u: Plane, known: Mask, rule: OcclusionRule) -> tuple[Plane, Mask]:
         """See `Backend.fill_occlusions`."""
