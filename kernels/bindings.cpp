@@ -16,6 +16,7 @@
 
 namespace nb = nanobind;
 using namespace nb::literals;
+using stereomend::half_of;
 using stereomend::ConfidenceInput;
 using stereomend::ConfidenceParams;
 using stereomend::Level;
@@ -67,6 +68,22 @@ Output<T> copy_of(const Source& source) {
     return copy;
 }
 
+// Planes of one shape, and a new one for each.
+struct Batch {
+    std::vector<const float*> in;
+    std::vector<float*> out;
+    std::vector<Output<float>> arrays;
+
+    Batch(const Plane& like, const std::vector<Plane>& planes, size_t height, size_t width) {
+        for (const Plane& plane : planes) {
+            check_same_shape(like, plane);
+            in.push_back(plane.data());
+            arrays.push_back(new_plane<float>(height, width));
+            out.push_back(arrays.back().data());
+        }
+    }
+};
+
 // The kernels with threads and buffers of their own; see engine.hpp.
 class PyEngine {
 public:
@@ -106,18 +123,39 @@ public:
     // n of each map.
     std::vector<Output<float>> evidence(const Plane& left, const Plane& right, const std::vector<Plane>& maps) {
         check_same_shape(left, right);
-        std::vector<Output<float>> out;
-        std::vector<const float*> u;
-        std::vector<float*> found;
-        for (const Plane& map : maps) {
-            check_same_shape(left, map);
-            u.push_back(map.data());
-            out.push_back(new_plane<float>(left.shape(0), left.shape(1)));
-            found.push_back(out.back().data());
-        }
+        const Batch batch(left, maps, left.shape(0), left.shape(1));
         nb::gil_scoped_release unlocked;
-        engine_.evidence({size_of(left), left.data(), right.data()}, u, found);
+        engine_.evidence({size_of(left), left.data(), right.data()}, batch.in, batch.out);
+        return batch.arrays;
+    }
+
+    Output<float> better(const Plane& left, const Plane& right, const Plane& u, const Plane& other, float margin,
+                         float least, float apart) {
+        check_same_shape(left, right, u, other);
+        Output<float> out = new_plane<float>(left.shape(0), left.shape(1));
+        nb::gil_scoped_release unlocked;
+        engine_.better({size_of(left), left.data(), right.data()}, u.data(), other.data(), {margin, least, apart},
+                       out.data());
         return out;
+    }
+
+    std::vector<Output<float>> halve(const std::vector<Plane>& planes) {
+        if (planes.empty()) return {};
+        const Size from = size_of(planes[0]);
+        const Batch batch(planes[0], planes, half_of(from.height), half_of(from.width));
+        nb::gil_scoped_release unlocked;
+        engine_.halve(from, batch.in, batch.out);
+        return batch.arrays;
+    }
+
+    std::pair<Output<float>, Output<float>> halve_weighed(const Plane& u, const Plane& weight) {
+        check_same_shape(u, weight);
+        const Size from = size_of(u);
+        Output<float> out = new_plane<float>(half_of(from.height), half_of(from.width));
+        Output<float> out_weight = new_plane<float>(half_of(from.height), half_of(from.width));
+        nb::gil_scoped_release unlocked;
+        engine_.halve_weighed(from, {u.data(), weight.data(), out.data(), out_weight.data()});
+        return {out, out_weight};
     }
 
     Output<float> trust(const Plane& left, const Plane& right, const Plane& u, const Flags& valid, const Flags& matte,
@@ -265,6 +303,11 @@ NB_MODULE(_native, m) {
              "All warps of one level; returns the new u.")
         .def("evidence", &PyEngine::evidence, "left"_a.noconvert(), "right"_a.noconvert(), "maps"_a.noconvert(),
              "n of each map.")
+        .def("better", &PyEngine::better, "left"_a.noconvert(), "right"_a.noconvert(), "u"_a.noconvert(),
+             "other"_a.noconvert(), "margin"_a, "least"_a, "apart"_a, "u, or the other map where more speaks for it.")
+        .def("halve", &PyEngine::halve, "planes"_a.noconvert(), "The planes at half of their size, rounded up.")
+        .def("halve_weighed", &PyEngine::halve_weighed, "u"_a.noconvert(), "weight"_a.noconvert(),
+             "Disparities at half of their size, averaged with the weight, and the weight.")
         .def("trust", &PyEngine::trust, "left"_a.noconvert(), "right"_a.noconvert(), "u"_a.noconvert(),
              "valid"_a.noconvert(), "matte"_a.noconvert(), "params"_a, "rule"_a, "c at every pixel.")
         .def("speckles", &PyEngine::speckles, "u"_a.noconvert(), "valid"_a.noconvert(), "rule"_a,

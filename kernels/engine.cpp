@@ -286,4 +286,19 @@ void Engine::edge_weights(const Channels& channels, const EdgeParams& params, fl
     stereomend::edge_weights(channels, params, out, evidence_);
 }
 
+void Engine::better(const Pair& pair, const float* u, const float* other, const ReuseRule& rule, float* out) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    stereomend::better(pair, u, other, rule, out, evidence_);
+}
+
+void Engine::halve(Size from, const std::vector<const float*>& planes, const std::vector<float*>& out) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    stereomend::halve(from, planes, out, evidence_);
+}
+
+void Engine::halve_weighed(Size from, const Weighed& map) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    stereomend::halve_weighed(from, map, evidence_);
+}
+
 }  // namespace stereomend

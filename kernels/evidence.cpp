@@ -89,8 +89,11 @@ void speckles(const Steps& map, int largest, bool* out, const EvidenceCrew& crew
         gang.meet();
         if (member == 0) join_bands(patches, gang);
         gang.meet();
-        for (int y = rows.begin; y < rows.end; ++y)
-            crew.sweeps.small_row(patches, width, y, largest, out + static_cast<long>(y) * width);
+        for (int y = rows.begin; y < rows.end; ++y) {
+            bool* row = out + static_cast<long>(y) * width;
+            std::fill(row, row + width, false);
+            crew.sweeps.flag_small(patches, width, y, largest, row);
+        }
     });
 }
 
@@ -113,9 +116,51 @@ void trust(const ConfidenceInput& input, const TrustParams& params, const Speckl
         for (int y = rows.begin; y < rows.end; ++y) {
             const long o = static_cast<long>(y) * width;
             crew.ldr.unobserved_row(input.u + o, width, flags);
+            crew.sweeps.flag_small(patches, width, y, rule.largest, flags);
             crew.sweeps.trust(input, params, y, flags, gang.scratch(member), out + o);
-            crew.sweeps.small_row(patches, width, y, rule.largest, flags);
-            for (int x = 0; x < width; ++x) out[o + x] = flags[x] ? 0.0f : out[o + x];
+        }
+    });
+}
+
+void better(const Pair& pair, const float* u, const float* other, const ReuseRule& rule, float* out,
+            const EvidenceCrew& crew) {
+    const Gang gang(crew, pair.size);
+    const int width = pair.size.width;
+    reserve(crew.buffers.planes, 2 * pixels_of(pair.size));
+    float* n = crew.buffers.planes.data();
+    float* other_n = n + pixels_of(pair.size);
+    gang.run([&](int member) {
+        const Rows rows = gang.rows(member);
+        bool* hidden = gang.row_of_flags(member);
+        crew.sweeps.evidence(pair, {2, {u, other}, {n, other_n}}, rows, gang.scratch(member));
+        for (int y = rows.begin; y < rows.end; ++y) {
+            const long o = static_cast<long>(y) * width;
+            crew.ldr.unobserved_row(other + o, width, hidden);
+            crew.sweeps.better_row(u + o, n + o, other + o, other_n + o, hidden, width, rule, out + o);
+        }
+    });
+}
+
+void halve(Size from, const std::vector<const float*>& planes, const std::vector<float*>& out,
+           const EvidenceCrew& crew) {
+    const Gang gang(crew, from);
+    gang.run([&](int member) {
+        const Rows rows = band(half_of(from.height), member, gang.count);
+        for (size_t k = 0; k < planes.size(); ++k)
+            for (int y = rows.begin; y < rows.end; ++y)
+                crew.sweeps.halve_row(planes[k], from, y, gang.scratch(member),
+                                      out[k] + static_cast<long>(y) * half_of(from.width));
+    });
+}
+
+void halve_weighed(Size from, const Weighed& map, const EvidenceCrew& crew) {
+    const Gang gang(crew, from);
+    gang.run([&](int member) {
+        const Rows rows = band(half_of(from.height), member, gang.count);
+        for (int y = rows.begin; y < rows.end; ++y) {
+            const long o = static_cast<long>(y) * half_of(from.width);
+            crew.sweeps.halve_weighed_row(map.u, map.weight, from, y, gang.scratch(member), map.out + o,
+                                          map.out_weight + o);
         }
     });
 }

@@ -4,6 +4,7 @@
 #include "descriptors.hpp"
 #include "evidence_sweeps.hpp"
 #include "exponential.cuh"
+#include "halves.hpp"
 #include "median.cuh"
 #include "patches.hpp"
 
@@ -141,8 +142,8 @@ void evidence(const Pair& pair, const Maps& maps, Rows rows, float* scratch) {
 void sort_columns(const ConfidenceInput& in, int y, float* const sorted[kSide]) {
     const float* rows[kSide];
     for (int i = 0; i < kSide; ++i) {
-        const int row = y + i - kAround;
-        rows[i] = in.u + static_cast<long>(row < 0 ? 0 : (row < in.size.height ? row : in.size.height - 1)) * in.size.width;
+        const int row = y + i - kAround < in.size.height ? y + i - kAround : in.size.height - 1;
+        rows[i] = in.u + static_cast<long>(row > 0 ? row : 0) * in.size.width;
     }
     float* out[kSide] = {sorted[0], sorted[1], sorted[2], sorted[3], sorted[4]};
 #pragma GCC ivdep
@@ -158,7 +159,8 @@ PIXEL_FN float ramp(float value, float least, float slope) {
     return smaller(larger((value - least) * slope, 0.0f), 1.0f);
 }
 
-void trust(const ConfidenceInput& in, const TrustParams& params, int y, const bool* hidden, float* scratch, float* row) {
+void trust(const ConfidenceInput& in, const TrustParams& params, int y, const bool* hidden, float* scratch,
+           float* row) {
     const int width = in.size.width;
     const long o = static_cast<long>(y) * width;
     const float* u = in.u + o;
@@ -227,8 +229,23 @@ void edge_row(const Channels& in, const EdgeParams& params, int y, float* out) {
     else edge_row_of<3>(in, params, y, out);
 }
 
+void better_row(const float* u, const float* n, const float* other, const float* other_n, const bool* hidden, int width,
+                const ReuseRule& rule, float* out) {
+    const uint8_t* unseen = bytes_of(hidden);
+    const float margin = rule.margin;
+    const float least = rule.least;
+    const float apart = rule.apart;
+#pragma GCC ivdep
+    for (int x = 0; x < width; ++x) {
+        const float needed = unseen[x] ? kNone : larger(n[x] + margin, least);
+        const bool taken = (fabsf(other[x] - u[x]) > apart) & (other_n[x] > needed);
+        out[x] = taken ? other[x] : u[x];
+    }
+}
+
 }  // namespace
 
-extern const EvidenceSweeps EVIDENCE_SWEEPS = {evidence, trust, label, join, small_row, edge_row};
+extern const EvidenceSweeps EVIDENCE_SWEEPS = {evidence,   trust,     label, join, flag_small, edge_row,
+                                              better_row, halve_row, halve_weighed_row};
 
 }  // namespace stereomend

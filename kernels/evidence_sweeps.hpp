@@ -55,6 +55,17 @@ struct Patches {
 
 constexpr size_t words_of(int width) { return static_cast<size_t>(width) / 64 + 1; }
 
+// When another map replaces the one at hand: where its evidence is larger by `margin` and over `least` [1], and the two
+// differ by over `apart` [px].
+struct ReuseRule {
+    float margin;
+    float least;
+    float apart;
+};
+
+// Half of a side, rounded up [px].
+constexpr int half_of(int side) { return side / 2 + side % 2; }
+
 struct EdgeParams {
     float falloff;  // [1]
     float power;    // of the gradient [1]
@@ -84,10 +95,18 @@ struct EvidenceSweeps {
     void (*label)(const Steps&, const Patches&, Rows, uint8_t* scratch);
     // Joins the runs of row y with those of row y - 1.
     void (*join)(const Patches&, int width, int y);
-    // Writes which pixels of row y belong to patches of at most so many pixels [out].
-    void (*small_row)(const Patches&, int width, int y, int largest, bool* out);
+    // Flags also those pixels of row y that belong to patches of at most so many pixels [in/out].
+    void (*flag_small)(const Patches&, int width, int y, int largest, bool* flags);
     // Writes row y of the weights of the smoothness.
     void (*edge_row)(const Channels&, const EdgeParams&, int y, float* out);
+    // Writes a row of u or of the other map [out], which may not be taken where it is hidden; n: evidence for u.
+    void (*better_row)(const float* u, const float* n, const float* other, const float* other_n, const bool* hidden,
+                       int width, const ReuseRule&, float* out);
+    // Writes row y of a plane at half of its size, the area mean; scratch: width + 2.
+    void (*halve_row)(const float* plane, Size from, int y, float* scratch, float* out);
+    // The same of disparities, in pixels of the smaller plane, averaged with a weight; and of the weight.
+    void (*halve_weighed_row)(const float* u, const float* weight, Size from, int y, float* scratch, float* out,
+                              float* out_weight);
 };
 
 extern const EvidenceSweeps evidence_sweeps_v2;

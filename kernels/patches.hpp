@@ -148,11 +148,10 @@ void label(const Steps& in, const Patches& patches, Rows rows, uint8_t* scratch)
     }
 }
 
-void small_row(const Patches& patches, int width, int y, int largest, bool* out) {
-    memset(out, 0, width);
+void flag_small(const Patches& patches, int width, int y, int largest, bool* flags) {
     each_run(patches, width, y, [&](int number, int begin, int end) {
         const int root = root_of(patches.runs, y * width + number);
-        if (patches.runs[root].pixels <= largest) memset(out + begin, 1, end - begin);
+        if (patches.runs[root].pixels <= largest) memset(flags + begin, 1, end - begin);
     });
 }
 

@@ -55,6 +55,18 @@ class Engine:
         trust: _Plane | None = None,
     ) -> _Plane: ...
     def evidence(self, left: _Plane, right: _Plane, maps: Sequence[_Plane]) -> list[_Plane]: ...
+    def better(
+        self,
+        left: _Plane,
+        right: _Plane,
+        u: _Plane,
+        other: _Plane,
+        margin: float,
+        least: float,
+        apart: float,
+    ) -> _Plane: ...
+    def halve(self, planes: Sequence[_Plane]) -> list[_Plane]: ...
+    def halve_weighed(self, u: _Plane, weight: _Plane) -> tuple[_Plane, _Plane]: ...
     def trust(
         self,
         left: _Plane,

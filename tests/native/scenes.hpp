@@ -100,7 +100,9 @@ inline std::vector<float> run_guided(stereomend::Engine& engine, const Scene& sc
 // All outputs of what the pair says for maps, one after the other.
 inline std::vector<float> run_evidence(stereomend::Engine& engine, const Scene& scene) {
     const size_t pixels = scene.u.size();
-    std::vector<float> out(5 * pixels);
+    const auto [width, height] = scene.size;
+    const size_t half = static_cast<size_t>(stereomend::half_of(width)) * stereomend::half_of(height);
+    std::vector<float> out(6 * pixels + 4 * half);
     float* at = out.data();
     engine.evidence({scene.size, scene.left.data(), scene.right.data()},
                     {scene.u.data(), scene.prior.data(), scene.u.data()}, {at, at + pixels, at + 2 * pixels});
@@ -108,6 +110,11 @@ inline std::vector<float> run_evidence(stereomend::Engine& engine, const Scene& 
                  {0.2f, 0.7f, 0.5f}, {4, 1.0f}, at + 3 * pixels);
     engine.edge_weights({scene.size, 3, {scene.left.data(), scene.right.data(), scene.u.data()}}, {10.0f, 0.8f, 0.03f},
                         at + 4 * pixels);
+    engine.better({scene.size, scene.left.data(), scene.right.data()}, scene.u.data(), scene.prior.data(),
+                  {0.05f, 0.0f, 0.5f}, at + 5 * pixels);
+    float* halves = at + 6 * pixels;
+    engine.halve(scene.size, {scene.left.data(), scene.u.data()}, {halves, halves + half});
+    engine.halve_weighed(scene.size, {scene.u.data(), scene.trust.data(), halves + 2 * half, halves + 3 * half});
     for (const int largest : {0, 3, 1000}) {
         std::vector<uint8_t> small(pixels);
         engine.speckles({scene.size, scene.u.data(), scene.flags(), 8.0f}, largest,

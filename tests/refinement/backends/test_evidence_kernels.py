@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from stereomend.phantom import make_phantom
 from stereomend.refinement import parse_params, select_backend
-from stereomend.refinement.backends import SpeckleRule, Usable
+from stereomend.refinement.backends import ReuseRule, SpeckleRule, Usable
 from stereomend.refinement.backends.base import SMALLEST
 from stereomend.refinement.stage_params import GdrParams
 
@@ -216,6 +216,60 @@ def test_edge_weights_match_the_reference(size, count):
             assert np.allclose(found, expected, rtol=1e-5, atol=0)
 
 
+@EVERY_BACKEND
+def test_another_map_replaces_where_the_pair_says_far_more_for_it(backend):
+    """The picture itself, moved by 3 px: in the lower half the map is right and the other one wrong."""
+    image = np.random.default_rng(9).uniform(20, 200, (24, 40)).astype(np.float32)
+    right, rows = np.roll(image, -3, axis=1), np.arange(24)[:, None]
+    u, other = (np.where(rows < 12, *ends) + np.zeros_like(image) for ends in ((6, 3), (3, 6)))
+    found = backend.better(image, right, u, other, ReuseRule(0.25))
+    assert (found[:10, 8:] == 3).all()
+    assert (found[14:, 8:] == 3).all()
+    assert (found[:12, :3] == 6).all()  # the right image would not show it there
+    assert (backend.better(image, right, u, other, ReuseRule(0.25, apart=3)) == u).all()
+    assert (backend.better(image, right, u, other, ReuseRule(2)) == u).all()
+    assert (backend.better(image, right, u, other, ReuseRule(-2, least=1)) == u).all()
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_the_better_of_two_maps_is_that_of_the_reference(size, phantom):
+    left, right, u = crop_of(phantom, size)
+    other = np.roll(u, 1, axis=0)
+    rule = ReuseRule(0.1)
+    found, expected = (backend.better(left, right, u, other, rule) for backend in (NATIVE, REFERENCE))
+    of_u, of_other = REFERENCE.evidence(left, right, [u, other])
+    sure = (np.abs(of_other - of_u - rule.margin) > 1e-4) & (np.abs(of_other - rule.least) > 1e-4)
+    assert (found == expected)[sure].all()
+    assert sure.mean() > 0.98 or u.size < 100
+
+
+@pytest.mark.parametrize("size", [*SIZES, (8, 9), (9, 8), (131, 130)])
+def test_halves_are_area_means(size):
+    rng = np.random.default_rng(10)
+    planes = list(rng.uniform(0, 255, (3, *size)).astype(np.float32))
+    half = ((size[0] + 1) // 2, (size[1] + 1) // 2)
+    for backend, tolerance in ((NATIVE, 1e-4), (REFERENCE, 1e-9)):
+        for plane, found in zip(planes, backend.halve(planes), strict=True):
+            assert found.shape == half
+            assert np.allclose(found, REFERENCE.shrink(plane, half), rtol=0, atol=tolerance)
+    assert NATIVE.halve([]) == REFERENCE.halve([]) == []
+
+
+@EVERY_BACKEND
+@pytest.mark.parametrize("size", SIZES)
+def test_disparities_are_halved_as_their_weights_say(size, backend):
+    rng = np.random.default_rng(11)
+    u, weight = rng.uniform(0, 40, size).astype(np.float32), (rng.random(size) < 0.5).astype(np.float32)
+    half = ((size[0] + 1) // 2, (size[1] + 1) // 2)
+    found, share = backend.halve_weighed(u, weight)
+    total, count = REFERENCE.shrink(u * weight, half), REFERENCE.shrink(weight, half)
+    plain, some = REFERENCE.shrink(u, half), count > 0.01
+    ratio = half[1] / size[1]
+    assert np.allclose(share, count, atol=1e-6)
+    assert np.allclose(found[some], (total / np.maximum(count, 1e-9) * ratio)[some], rtol=2e-3)
+    assert np.allclose(found[count == 0], plain[count == 0] * ratio, rtol=1e-5)
+
+
 @pytest.mark.parametrize("size", [(1, 1), (33, 1), (1, 40), (2, 2), (3, 2000), (61, 47), (479, 631)])
 def test_what_the_pair_says_is_bitwise_equal_for_any_number_of_threads(size):
     left, right, u, usable = noise(size)
@@ -227,6 +281,9 @@ def test_what_the_pair_says_is_bitwise_equal_for_any_number_of_threads(size):
             backend.evidence_confidence(left, right, u, usable, ROBUST.ldr),
             backend.speckles(u, usable.valid, SpeckleRule(4)),
             backend.edge_weights([left, right, u], ROBUST.gdr),
+            backend.better(left, right, u, u + 1, ReuseRule(0.0)),
+            *backend.halve([left, right]),
+            *backend.halve_weighed(u, left),
         )
         results.append([plane.tobytes() for plane in planes])
     assert results[0] == results[1] == results[2]
@@ -241,6 +298,9 @@ def test_planes_that_do_not_fit_are_refused():
         ),
         lambda: NATIVE.speckles(u, usable.valid[:, :5].copy(), SpeckleRule(4)),
         lambda: NATIVE.edge_weights([left, right[:2]], ROBUST.gdr),
+        lambda: NATIVE.better(left, right, u, u[:2], ReuseRule(0)),
+        lambda: NATIVE.halve([left, right[:2]]),
+        lambda: NATIVE.halve_weighed(u, left[:2]),
         lambda: NATIVE.edge_weights([], ROBUST.gdr),
         lambda: NATIVE.edge_weights([left] * 4, ROBUST.gdr),
     )

@@ -55,6 +55,17 @@ class OcclusionRule(NamedTuple):
     """And so much more, px."""
 
 
+class ReuseRule(NamedTuple):
+    """When another map replaces the one at hand (R6)."""
+
+    margin: float
+    """Its evidence is larger by more than this."""
+    least: float = 0.3
+    """And its evidence is over this: a map that the pair contradicts replaces nothing."""
+    apart: float = 0.5
+    """And the two differ by more than this, px; nearer readings compete in the solver itself."""
+
+
 class SpeckleRule(NamedTuple):
     """Which patches of a map are too small to be a surface."""
 
@@ -132,6 +143,22 @@ class Backend(Protocol):
 
         The inner product of left and warped right descriptors, 0 without contrast, averaged over 5 x 5
         pixels; borders are mirrored. Two maps at once take less time than one after the other.
+        """
+        ...
+
+    def better(self, left: Plane, right: Plane, u: Plane, other: Plane, rule: ReuseRule) -> Plane:
+        """`u`, or `other` where the pair speaks for it far more and shows the pixel (R6)."""
+        ...
+
+    def halve(self, planes: Sequence[Plane]) -> list[Plane]:
+        """Planes of one size at half of it, sides rounded up, by the area mean."""
+        ...
+
+    def halve_weighed(self, u: Plane, weight: Plane) -> tuple[Plane, Plane]:
+        """Disparities, in pixels of the smaller size, and their weights at half of the size.
+
+        `u` is averaged with the weight, so that what has none does not smear over what has; where nothing
+        has any, all counts alike.
         """
         ...
 

@@ -18,6 +18,7 @@ from stereomend.refinement.backends.base import (
     OcclusionRule,
     Plane,
     Reading,
+    ReuseRule,
     Size,
     SpeckleRule,
     Usable,
@@ -91,6 +92,19 @@ class NativeBackend:
     def evidence(self, left: Plane, right: Plane, maps: Sequence[Plane]) -> list[Plane]:
         """See `Backend.evidence`."""
         return [*self._engine.evidence(self.plane(left), self.plane(right), [self.plane(u) for u in maps])]
+
+    def better(self, left: Plane, right: Plane, u: Plane, other: Plane, rule: ReuseRule) -> Plane:
+        """See `Backend.better`."""
+        planes = (self.plane(left), self.plane(right), self.plane(u), self.plane(other))
+        return self._engine.better(*planes, *rule)
+
+    def halve(self, planes: Sequence[Plane]) -> list[Plane]:
+        """See `Backend.halve`."""
+        return [*self._engine.halve([self.plane(plane) for plane in planes])]
+
+    def halve_weighed(self, u: Plane, weight: Plane) -> tuple[Plane, Plane]:
+        """See `Backend.halve_weighed`."""
+        return self._engine.halve_weighed(self.plane(u), self.plane(weight))
 
     def evidence_confidence(
         self, left: Plane, right: Plane, u: Plane, usable: Usable, params: LdrParams
