@@ -25,10 +25,10 @@ def prior_of(local: Local, confidence: Plane, params: GdrParams) -> Prior:
     """LDR's map, trusted by its confidence, (H, W) in [0, 1], in occlusions by a weight of their own (R3)."""
     if params.prior_weight == params.fill_weight == 0:
         return Prior(local.u)
-    trust = params.prior_weight * confidence
+    trust = confidence * confidence.dtype.type(params.prior_weight)
     if local.occluded is not None:
-        trust = np.where(local.occluded, params.fill_weight, trust)
-    return Prior(local.u, trust.astype(local.u.dtype, copy=False))
+        np.copyto(trust, params.fill_weight, where=local.occluded)
+    return Prior(local.u, trust)
 
 
 class _Level(NamedTuple):
