@@ -121,7 +121,8 @@ def _at_input_size(trace: Trace, origin: Origin, params: RefineParams, backend: 
         enlarged = enlarge_disparity(trace.refined, trace.pair.shape, backend)
     else:
         enlarged = at_input_size(trace.fused, origin.initial, params.fusion.near_px, backend)
-    enlarged = np.maximum(enlarged, 0)
+    if not enlarged.min() >= 0:
+        enlarged = np.maximum(enlarged, 0)
     disparity = enlarged.astype(np.float32, copy=False)
     return disparity if "gdr" in params.stages else np.where(origin.kept, origin.initial.u, disparity)
 
