@@ -77,9 +77,10 @@ def describe(
     pair, valid = trace.pair, origin.initial.valid
     refined = Sparse(trace.outcome, trace.scene.shown(trace.outcome > 0))
     planes = _confidences(trace, refined, params, backend) if confidences else _not_asked_for(pair.shape)
-    quality = _quality(trace, refined, params, backend)
     provenance = provenance_of(disparity, origin, backend)
     shares = {"valid_in": np.count_nonzero(valid) / valid.size} | shares_of(provenance)
+    # Last, for it takes all cores, and one may still be writing the map.
+    quality = _quality(trace, refined, params, backend)
     return RefinementResult(
         disparity=disparity,
         confidence=planes[0],
