@@ -12,6 +12,7 @@
 
 #include "ceilings.hpp"
 #include "engine.hpp"
+#include "png_chunks.hpp"
 #include "png_rows.hpp"
 
 namespace nb = nanobind;
@@ -264,6 +265,21 @@ Output<uint8_t> unfilter(const Bytes& filtered, size_t height, size_t stride, si
     return out;
 }
 
+// (name, begin, size) of each chunk, and what is wrong: a value of PngFault; see png_chunks.hpp.
+std::pair<std::vector<std::tuple<uint32_t, size_t, size_t>>, int> find_chunks(const Bytes& file, size_t at,
+                                                                              size_t most) {
+    if (at > file.size()) throw nb::value_error("at: expected a place in the file");
+    std::vector<stereomend::PngChunk> chunks;
+    stereomend::PngFault fault;
+    {
+        nb::gil_scoped_release unlocked;
+        fault = stereomend::find_chunks(file.data(), file.size(), at, most, chunks);
+    }
+    std::vector<std::tuple<uint32_t, size_t, size_t>> found;
+    for (const auto& chunk : chunks) found.emplace_back(chunk.name, chunk.begin, chunk.size);
+    return {found, static_cast<int>(fault)};
+}
+
 double measure(double (*rate)(int), int threads) {
     check_threads(threads);
     nb::gil_scoped_release unlocked;
@@ -282,6 +298,9 @@ NB_MODULE(_native, m) {
           "Memory traffic of a = b + s * c [GB/s].");
     m.def("multiply_add", [](int threads) { return measure(stereomend::multiply_add, threads); }, "threads"_a,
           "float32 multiply-adds of all threads together [GFlop/s].");
+    m.def("find_chunks", &find_chunks, "file"_a.noconvert(), "at"_a, "most"_a,
+          "(name, begin, size) of a PNG's chunks from byte at, and 0, or 1: cut off, 2: the last has a wrong checksum, "
+          "3: more than most.");
     m.def("unfilter", &unfilter, "filtered"_a.noconvert(), "height"_a, "stride"_a, "bytes_per_pixel"_a,
           "The bytes of a PNG's samples, (height, stride), from height rows of 1 + stride filtered ones.");
     nb::class_<SolverParams>(m, "SolverParams", "data_weight, huber_epsilon, tau, sigma, warps, iterations, absolute, observed_only, averaging.")
