@@ -18,9 +18,11 @@
 namespace nb = nanobind;
 using namespace nb::literals;
 using stereomend::half_of;
+using stereomend::ChoiceRule;
 using stereomend::ConfidenceInput;
 using stereomend::ConfidenceParams;
 using stereomend::Level;
+using stereomend::PollRule;
 using stereomend::Size;
 using stereomend::SolverParams;
 using stereomend::SpeckleRule;
@@ -61,6 +63,19 @@ Output<T> new_plane(size_t height, size_t width) {
     nb::capsule owner(data, [](void* p) noexcept { delete[] static_cast<T*>(p); });
     return Output<T>(data, {height, width}, owner);
 }
+
+// Two maps: (upload, valid, u, evidence for the upload, for u, upload shown, u shown).
+using Views = std::tuple<Plane, Flags, Plane, Plane, Plane, Flags, Flags>;
+
+stereomend::Rivals rivals_of(const Views& views) {
+    const auto& [upload, valid, u, for_upload, for_u, upload_shown, u_shown] = views;
+    check_same_shape(upload, valid, u, for_upload, for_u, upload_shown, u_shown);
+    return {{static_cast<int>(u.shape(1)), static_cast<int>(u.shape(0))}, upload.data(), u.data(), for_upload.data(),
+            for_u.data(), valid.data(), upload_shown.data(), u_shown.data()};
+}
+
+// (level, equal, usual, edge, glints, beside).
+using Facts = std::tuple<Plane, Plane, Plane, Plane, Flags, Flags>;
 
 template <class T, class Source>
 Output<T> copy_of(const Source& source) {
@@ -173,7 +188,29 @@ public:
         check_same_shape(u, valid);
         Output<bool> out = new_plane<bool>(u.shape(0), u.shape(1));
         nb::gil_scoped_release unlocked;
-        engine_.speckles({size_of(u), u.data(), valid.data(), rule.step}, rule.largest, out.data());
+        engine_.speckles({size_of(u), u.data(), valid.data(), rule.step, nullptr}, rule.largest, out.data());
+        return out;
+    }
+
+    // The polls' cells one below the other.
+    Output<double> poll(const Views& views, const Flags& matte, const Flags& spoilt, const PollRule& rule) {
+        const stereomend::Rivals rivals = rivals_of(views);
+        check_same_shape(std::get<0>(views), matte, spoilt);
+        Output<double> out = new_plane<double>(stereomend::kPolls * stereomend::cells_of(rivals.size.height),
+                                               stereomend::cells_of(rivals.size.width));
+        nb::gil_scoped_release unlocked;
+        engine_.poll(rivals, {matte.data(), spoilt.data()}, rule, out.data());
+        return out;
+    }
+
+    Output<float> choose(const Views& views, const Facts& facts, const ChoiceRule& rule) {
+        const stereomend::Rivals rivals = rivals_of(views);
+        const auto& [level, equal, usual, edge, glints, beside] = facts;
+        check_same_shape(std::get<0>(views), level, equal, usual, edge, glints, beside);
+        Output<float> out = new_plane<float>(rivals.size.height, rivals.size.width);
+        nb::gil_scoped_release unlocked;
+        engine_.choose(rivals, {level.data(), equal.data(), usual.data(), edge.data(), glints.data(), beside.data()},
+                       rule, out.data());
         return out;
     }
 
@@ -314,6 +351,13 @@ NB_MODULE(_native, m) {
         .def(nb::init<float, float, float>(), nb::kw_only(), "least"_a, "full"_a, "smallest"_a);
     nb::class_<SpeckleRule>(m, "SpeckleRule", "The most pixels of a speckle, and the largest step inside of one, px.")
         .def(nb::init<int, float>(), nb::kw_only(), "largest"_a, "step"_a);
+    nb::class_<PollRule>(m, "PollRule", "Who votes on the upload; lengths in px, evidence without unit.")
+        .def(nb::init<float, float, float, float, float>(), nb::kw_only(), "tolerance"_a, "near"_a, "least"_a,
+             "full"_a, "frame"_a);
+    nb::class_<ChoiceRule>(m, "ChoiceRule", "The constants of R10; lengths in px.")
+        .def(nb::init<float, float, float, float, float, float, float, float, float, float, float, int>(),
+             nb::kw_only(), "near"_a, "enough"_a, "full_trust"_a, "high_trust"_a, "win_margin"_a, "trusted_margin"_a,
+             "weak_share"_a, "spike"_a, "rough_share"_a, "step"_a, "soft_edge"_a, "largest_patch"_a);
     nb::class_<PyEngine>(m, "Engine", "The kernels with threads and buffers of their own; one call at a time.")
         .def(nb::init<int, const std::string&>(), "threads"_a, "instruction_set"_a = "")
         .def("solve", &PyEngine::solve, "left"_a.noconvert(), "right"_a.noconvert(), "u"_a.noconvert(),
@@ -333,6 +377,9 @@ NB_MODULE(_native, m) {
              "Which valid pixels belong to small patches.")
         .def("edge_weights", &PyEngine::edge_weights, "channels"_a.noconvert(), "falloff"_a, "power"_a, "floor"_a,
              "Weights of the smoothness.")
+        .def("poll", &PyEngine::poll, "views"_a, "matte"_a.noconvert(), "spoilt"_a.noconvert(), "rule"_a,
+             "Means over cells of what pixels vote, one plane below the other.")
+        .def("choose", &PyEngine::choose, "views"_a, "facts"_a, "rule"_a, "The share of the upload at every pixel.")
         .def("fill_occlusions", &PyEngine::fill_occlusions, "u"_a.noconvert(), "known"_a.noconvert(), "step"_a,
              "stretch"_a, "slack"_a, "u with its occlusions filled, and which pixels those are.")
         .def("reach", &PyEngine::reach, "seeds"_a.noconvert(), "passing"_a.noconvert(), "soft"_a.noconvert(),

@@ -13,6 +13,7 @@ struct Candidate {
     const Sweeps* gdr;
     const LdrSweeps* ldr;
     const EvidenceSweeps* evidence;
+    const FusionSweeps* fusion;
     bool (*supported)();
 };
 
@@ -24,15 +25,17 @@ bool has_v3() {
 
 bool has_v2() { return __builtin_cpu_supports("sse4.2") && __builtin_cpu_supports("popcnt"); }
 
-const Candidate kCandidates[] = {{"x86-64-v3", &sweeps_v3, &ldr_sweeps_v3, &evidence_sweeps_v3, has_v3},
-                                  {"x86-64-v2", &sweeps_v2, &ldr_sweeps_v2, &evidence_sweeps_v2, has_v2}};
+const Candidate kCandidates[] = {
+    {"x86-64-v3", &sweeps_v3, &ldr_sweeps_v3, &evidence_sweeps_v3, &fusion_sweeps_v3, has_v3},
+    {"x86-64-v2", &sweeps_v2, &ldr_sweeps_v2, &evidence_sweeps_v2, &fusion_sweeps_v2, has_v2}};
 #else
 bool always() { return true; }
 
-const Candidate kCandidates[] = {{"generic", &sweeps_generic, &ldr_sweeps_generic, &evidence_sweeps_generic, always}};
+const Candidate kCandidates[] = {{"generic", &sweeps_generic, &ldr_sweeps_generic, &evidence_sweeps_generic,
+                                  &fusion_sweeps_generic, always}};
 #endif
 
-const Candidate& choose(const std::string& name) {
+const Candidate& best(const std::string& name) {
     for (const Candidate& candidate : kCandidates)
         if (candidate.supported() && (name.empty() || name == candidate.name)) return candidate;
     throw std::invalid_argument("instruction set '" + name + "' is not available on this machine");
@@ -96,10 +99,11 @@ std::vector<std::string> instruction_sets() {
 }
 
 Engine::Engine(int threads, const std::string& instruction_set)
-    : sweeps_(*choose(instruction_set).gdr),
+    : sweeps_(*best(instruction_set).gdr),
       team_(threads),
-      ldr_{team_, ldr_buffers_, *choose(instruction_set).ldr},
-      evidence_{team_, evidence_buffers_, *choose(instruction_set).evidence, ldr_.sweeps} {}
+      ldr_{team_, ldr_buffers_, *best(instruction_set).ldr},
+      evidence_{team_, evidence_buffers_, *best(instruction_set).evidence, ldr_.sweeps},
+      fusion_{evidence_, *best(instruction_set).fusion} {}
 
 // Room for so many rows of the right image, and for the descriptors of each member.
 void Engine::reserve(int width, size_t rows) {
@@ -299,6 +303,16 @@ void Engine::halve(Size from, const std::vector<const float*>& planes, const std
 void Engine::halve_weighed(Size from, const Weighed& map) {
     const std::lock_guard<std::mutex> lock(mutex_);
     stereomend::halve_weighed(from, map, evidence_);
+}
+
+void Engine::poll(const Rivals& rivals, const PollMarks& marks, const PollRule& rule, double* out) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    stereomend::poll(rivals, marks, rule, out, fusion_);
+}
+
+void Engine::choose(const Rivals& rivals, const Grounds& grounds, const ChoiceRule& rule, float* out) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    stereomend::choose(rivals, grounds, rule, out, fusion_);
 }
 
 }  // namespace stereomend

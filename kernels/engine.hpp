@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "evidence.hpp"
+#include "fusion.hpp"
 #include "ldr.hpp"
 #include "sweeps.hpp"
 #include "team.hpp"
@@ -70,6 +71,10 @@ public:
     void halve(Size from, const std::vector<const float*>& planes, const std::vector<float*>& out);
     void halve_weighed(Size from, const Weighed& map);
 
+    // See fusion.hpp.
+    void poll(const Rivals& rivals, const PollMarks& marks, const PollRule& rule, double* out);
+    void choose(const Rivals& rivals, const Grounds& grounds, const ChoiceRule& rule, float* out);
+
 private:
     struct alignas(64) Progress {
         std::atomic<int> rows{0};
@@ -97,6 +102,7 @@ private:
     Crew ldr_;
     EvidenceBuffers evidence_buffers_;
     EvidenceCrew evidence_;
+    FusionCrew fusion_;
     State state_{};
 };
 

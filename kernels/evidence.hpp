@@ -13,6 +13,7 @@ struct EvidenceBuffers {
     std::vector<float> scratch;
     std::vector<float> planes;
     std::vector<uint8_t> flags;
+    std::vector<uint8_t> marks;
     std::vector<uint64_t> bits;
     std::vector<Run> runs;
 };

@@ -7,21 +7,12 @@
 #include "halves.hpp"
 #include "median.cuh"
 #include "patches.hpp"
+#include "windows.hpp"
 
 namespace stereomend {
 namespace {
 
-constexpr int kSide = 2 * kAround + 1;
 constexpr float kMinSquare = kMinNorm * kMinNorm;
-
-// Repeats the ends of a row, which needs kAround values of room on both sides; `mirror` repeats them outwards.
-void extend(float* row, int width, bool mirror) {
-    for (int i = 0; i < kAround; ++i) {
-        const int inside = mirror ? (i < width ? i : width - 1) : 0;
-        row[-1 - i] = row[inside];
-        row[width + i] = row[width - 1 - inside];
-    }
-}
 
 PIXEL_FN float product(const float a[kNeighbours], const float b[kNeighbours]) {
     float sum = 0.0f;
@@ -155,10 +146,6 @@ void sort_columns(const ConfidenceInput& in, int y, float* const sorted[kSide]) 
     for (int i = 0; i < kSide; ++i) extend(out[i], in.size.width, false);
 }
 
-PIXEL_FN float ramp(float value, float least, float slope) {
-    return smaller(larger((value - least) * slope, 0.0f), 1.0f);
-}
-
 void trust(const ConfidenceInput& in, const TrustParams& params, int y, const bool* hidden, float* scratch,
            float* row) {
     const int width = in.size.width;
@@ -167,7 +154,7 @@ void trust(const ConfidenceInput& in, const TrustParams& params, int y, const bo
     float* s[kSide];
     for (int i = 0; i < kSide; ++i) s[i] = scratch + i * static_cast<long>(width + 2 * kAround) + kAround;
     sort_columns(in, y, s);
-    const float slope = 1.0f / larger(params.full - params.least, 1e-9f);
+    const float slope = slope_of(params.least, params.full);
     const float least = params.least;
     const float smallest = params.smallest;
     const float* ranks[kSide] = {s[0] - kAround, s[1] - kAround, s[2] - kAround, s[3] - kAround, s[4] - kAround};

@@ -7,7 +7,6 @@
 
 namespace stereomend {
 
-constexpr int kAround = 2;    // pixels on each side of the window of evidence and of the median
 constexpr int kMostMaps = 2;  // that one sweep looks at
 
 // Grey levels, 0 to 255.
@@ -30,12 +29,14 @@ struct TrustParams {
     float smallest;  // disparities up to this say nothing [px]
 };
 
-// Valid pixels whose disparity changes by at most `step` [px] to the pixel on their left and above.
+// Valid pixels whose disparity changes by at most `step` [px] to the pixel on their left and above, or of which either
+// is soft; null: none is.
 struct Steps {
     Size size;
     const float* u;
     const bool* valid;
     float step;
+    const bool* soft;
 };
 
 // A run of a patch in one row, as part of a forest: its parent, and of a root the number of pixels below it.
@@ -81,7 +82,7 @@ struct Channels {
 
 // Floats of scratch that a member needs: the rows around one of both images, of their similarity and of its sums.
 constexpr size_t evidence_floats(int width) {
-    return (5 + kMostMaps * (6 + 1 + 2 * kAround + 1)) * (static_cast<size_t>(width) + 2 * kAround);
+    return (5 + kMostMaps * (6 + 1 + 5)) * (static_cast<size_t>(width) + 4);
 }
 
 struct EvidenceSweeps {

@@ -6,15 +6,13 @@
 #include <string.h>
 
 #include "evidence_sweeps.hpp"
+#include "windows.hpp"
 
 namespace stereomend {
 namespace {
 
 int lowest(uint64_t word) { return __builtin_ctzll(word); }
 int ones(uint64_t word) { return __builtin_popcountll(word); }
-
-// As numbers, for comparisons of bools are not vectorised.
-const uint8_t* bytes_of(const bool* flags) { return reinterpret_cast<const uint8_t*>(flags); }
 
 // Bits from `width` bytes of 0 or 1, of which 64 words_of(width) can be written.
 void pack(uint8_t* flags, int width, uint64_t* words) {
@@ -32,26 +30,31 @@ void pack(uint8_t* flags, int width, uint64_t* words) {
     }
 }
 
-// Pixels of a row that the map joins with those of another, which may be the row itself moved by one.
-void flag_joined(const float* u, const float* other, const uint8_t* valid, const uint8_t* other_valid, float step,
-                 int width, uint8_t* out) {
+// Pixels of a row that the map joins with those `back` pixels before, `width` of them from i on.
+void flag_joined(const Steps& in, size_t i, size_t back, int width, uint8_t* out) {
+    const float *u = in.u + i, *other = u - back;
+    const uint8_t *valid = bytes_of(in.valid) + i, *other_valid = valid - back;
+    const float step = in.step;
 #pragma GCC ivdep
     for (int x = 0; x < width; ++x)
         out[x] = static_cast<uint8_t>((fabsf(u[x] - other[x]) <= step ? 1 : 0) & valid[x] & other_valid[x]);
+    if (in.soft == nullptr) return;
+    const uint8_t *soft = bytes_of(in.soft) + i, *other_soft = soft - back;
+#pragma GCC ivdep
+    for (int x = 0; x < width; ++x) out[x] |= (soft[x] | other_soft[x]) & valid[x] & other_valid[x];
 }
 
 void flag_row(const Steps& in, const Patches& patches, int y, uint8_t* scratch) {
     const int width = in.size.width;
     const size_t words = words_of(width) * y;
-    const float* u = in.u + static_cast<size_t>(y) * width;
-    const uint8_t* valid = bytes_of(in.valid) + static_cast<size_t>(y) * width;
-    memcpy(scratch, valid, width);
+    const size_t o = static_cast<size_t>(y) * width;
+    memcpy(scratch, bytes_of(in.valid) + o, width);
     pack(scratch, width, patches.valid + words);
     scratch[0] = 0;
-    flag_joined(u + 1, u, valid + 1, valid, in.step, width - 1, scratch + 1);
+    flag_joined(in, o + 1, 1, width - 1, scratch + 1);
     pack(scratch, width, patches.left + words);
     if (y == 0) return;
-    flag_joined(u, u - width, valid, valid - width, in.step, width, scratch);
+    flag_joined(in, o, width, width, scratch);
     pack(scratch, width, patches.above + words);
 }
 

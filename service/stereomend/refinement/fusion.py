@@ -13,24 +13,27 @@ import numpy as np
 
 from stereomend.disparity import Mask
 from stereomend.opencv import cv2
-from stereomend.refinement.backends import Backend, Plane
-from stereomend.refinement.evidence import fading, mean_around, ramp, speckles
+from stereomend.refinement.backends import (
+    CELL,
+    Backend,
+    Cells,
+    ChoiceRule,
+    Grounds,
+    Plane,
+    PollRule,
+    Polls,
+    Rivals,
+)
 from stereomend.refinement.params import RefineParams
 from stereomend.refinement.pyramid import HALF, Sparse, enlarge_disparity, sample, sample_disparity
 from stereomend.refinement.scene import Scene
-from stereomend.refinement.smooth import CELL, Array, Grid, blurred, fit_planes, ratio
+from stereomend.refinement.smooth import Grid, Sums, blurred, fit_planes, ramp, ratio
 from stereomend.refinement.stage_params import FusionParams
 
 _FAR = 4  # times as wide: the faint window that carries trust over gaps
-_MARGIN = 3  # px from the frame, where descriptors still see only the pair
 _AROUND_HIDDEN = 2  # px that a descriptor and its window see of what is hidden
 _BESIDE_HIDDEN = 4  # px that a window sees of it where two readings are compared
 _AROUND_GLINTS = 4  # px
-_CLOSE = 3  # side of the window that two readings are compared over where they differ, px
-_PATCH = 11  # side of the window that holes are looked for in, px
-_ROUGH = 15  # and steps, px
-_ALL_BUT_COMPLETE = (0.9, 0.97)  # trust
-_CHECKABLE = (0.3, 0.7)  # evidence for GDR's map that lets a pixel vote
 _TOUCHED = 1e-4  # support of a plane
 
 
@@ -68,7 +71,6 @@ class _Judge:
     """What every step of the choice needs."""
 
     scene: Scene
-    maps: Readings
     params: FusionParams
     scale: float
     """Working size divided by input size."""
@@ -79,161 +81,77 @@ class _Judge:
         return Grid(self.scene.size, self.backend)
 
     def wide(self, share: float) -> float:
-        """A share of the width, px."""
-        return share * self.scene.size[1]
-
-
-class _Seen(NamedTuple):
-    """What the pair says, each (H, W)."""
-
-    upload: Mask
-    """Valid, and shown by the right image if the upload is right."""
-    u: Mask
-    for_upload: Plane
-    """Evidence n."""
-    for_u: Plane
-    near: Mask
-    """Both say nearly the same."""
-    glints: Mask
-
-
-class _Trust(NamedTuple):
-    """How far the upload can be trusted, each (H, W)."""
-
-    level: Plane
-    """0 to 1 (R8)."""
-    enough: Mask
-    """The level is half way to full trust or more."""
-    equal: Plane
-    """0 to 1: where both say nearly the same, it is as good as GDR's map (R9)."""
-    strong: Mask
-    """GDR's map is really seen, not only not hidden."""
-    wins: Mask
-    """The upload has clearly more evidence."""
-    comparable: Mask
-    """The upload is shown, and not beside what a trusted upload hides: that spoils its evidence."""
+        """A share of the width, px; a window of few pixels tells nothing."""
+        return max(share * self.scene.size[1], self.params.least_width_px)
 
 
 def fuse(scene: Scene, maps: Readings, params: RefineParams, backend: Backend) -> Fused:
     """Choose between the upload and GDR's map."""
-    judge = _Judge(scene, maps, params.fusion, params.processing_scale, backend)
-    seen = _look(judge)
-    trust = _trust(judge, seen)
-    share = _share(judge, seen, trust, _reach(judge, seen, trust))
-    return Fused(_continued(judge, seen), share, maps.upload)
+    judge = _Judge(scene, params.fusion, params.processing_scale, backend)
+    rivals = _rivals(judge, maps)
+    glints = _grown(~scene.matte, _AROUND_GLINTS)
+    spoilt = glints | _grown(~(rivals.upload_shown & rivals.u_shown), _AROUND_HIDDEN)
+    rule = PollRule(params.fusion.tolerance_px * judge.scale, params.fusion.near_px * judge.scale)
+    polls = backend.poll(rivals, scene.matte, spoilt, rule)
+    choice = ChoiceRule.of(params.fusion, judge.scale, maps.u.size)
+    share = backend.choose(rivals, _grounds(judge, rivals, polls, glints), choice)
+    return Fused(_continued(judge, maps.u, polls), share, maps.upload)
 
 
-def _look(judge: _Judge) -> _Seen:
-    scene, backend, (upload, u) = judge.scene, judge.backend, judge.maps
-    for_upload, for_u = backend.evidence(scene.left, scene.right, (upload.u, u))
-    near = upload.valid & (np.abs(upload.u - u) < judge.params.near_px * judge.scale)
-    shown = upload.valid & ~backend.unobserved(upload.u)
-    return _Seen(shown, ~backend.unobserved(u), for_upload, for_u, near, _grown(~scene.matte, _AROUND_GLINTS))
+def _rivals(judge: _Judge, maps: Readings) -> Rivals:
+    (left, right), backend, upload = judge.scene[:2], judge.backend, maps.upload
+    for_upload, for_u = backend.evidence(left, right, (upload.u, maps.u))
+    shown, u_shown = upload.valid & ~backend.unobserved(upload.u), ~backend.unobserved(maps.u)
+    return Rivals(*upload, maps.u, for_upload, for_u, shown, u_shown)
 
 
-def _continued(judge: _Judge, seen: _Seen) -> Plane:
-    """GDR's map, bent towards the plane around it where the match lies outside of the right image (R7)."""
-    u, params = judge.maps.u, judge.params
-    window = max(4.0, params.reach * float(np.percentile(u[::CELL, ::CELL], 95)))
-    fit = fit_planes(u, seen.u, window, judge.grid)
-    limit = params.bend * np.maximum(u, 1)
-    bend = np.clip(fit.value - u, -limit, limit) / (1 + fit.residual / params.flat_px**2)
-    outside = (np.arange(u.shape[1]) < u) & (fit.support > _TOUCHED)
-    return np.where(outside, np.maximum(u + bend, 0), u).astype(u.dtype, copy=False)
-
-
-def _trust(judge: _Judge, seen: _Seen) -> _Trust:
-    grid, params, (upload, u) = judge.grid, judge.params, judge.maps
-    inside = np.arange(u.shape[1]) - u > _MARGIN
-    votes = ramp(seen.for_u, *_CHECKABLE) * (seen.u & upload.valid & judge.scene.matte & inside)
-    agreeing = votes * fading(((upload.u - u) / u.dtype.type(params.tolerance_px * judge.scale)) ** 2)
-    wide = judge.wide(params.trust_width)
-    agreed, voted = (_near_and_far(grid.cells(plane), wide, params) for plane in (agreeing, votes))
-    level = ratio(agreed, voted)
-    equal, usual = _compared(judge, seen, votes)
-    trusted = np.asarray(ramp(level, params.min_trust, params.full_trust), np.float64)
-    found = grid.pixels(level)
-    return _Trust(
-        found,
-        found > (params.min_trust + params.full_trust) / 2,
-        grid.pixels(equal * trusted),
-        _strong(judge, seen, grid.pixels(usual)),
-        _wins(judge, seen),
-        _comparable(judge, seen, found),
+def _grounds(judge: _Judge, rivals: Rivals, polls: Polls, glints: Mask) -> Grounds:
+    params, pixels, edge = judge.params, judge.grid.pixels, judge.scene.edge
+    level = _trust(judge, polls)
+    equal, usual = _compared(judge, polls)
+    equal *= ramp(level, params.min_trust, params.full_trust)
+    return Grounds(
+        *(pixels(cells) for cells in (level, equal, usual)),
+        edge=np.ones_like(rivals.u) if edge is None else edge,
+        glints=glints,
+        beside=_grown(rivals.valid & ~rivals.upload_shown, _BESIDE_HIDDEN),
     )
 
 
-def _near_and_far(cells: Array, wide: float, params: FusionParams) -> Array:
-    return blurred(cells, wide) + params.far_share * blurred(cells, _FAR * wide)
+def _trust(judge: _Judge, polls: Polls) -> Cells:
+    """T, 0 to 1 (R8)."""
+    wide, far_share = judge.wide(judge.params.trust_width), judge.params.far_share
+    agreed, voted = (
+        blurred(cells, wide) + far_share * blurred(cells, _FAR * wide) for cells in (polls.agreed, polls.voted)
+    )
+    return ratio(agreed, voted)
 
 
-def _compared(judge: _Judge, seen: _Seen, votes: Plane) -> tuple[Array, Array]:
-    """On the grid: whether the upload's evidence is as good, and how much there is for GDR's map (R9)."""
-    grid, params = judge.grid, judge.params
-    fair = seen.near & ~seen.glints & ~_grown(~(seen.upload & seen.u), _AROUND_HIDDEN)
-    votes = votes * fair
+def _compared(judge: _Judge, polls: Polls) -> tuple[Cells, Cells]:
+    """Whether the upload's evidence is as good where both agree, and how much there is for GDR's map (R9)."""
+    params = judge.params
     wide = judge.wide(params.evidence_width)
-
-    def around(values: Plane) -> Array:
-        cells = grid.cells(values)
-        return blurred(cells, wide) + params.far_share * float(cells.mean())
-
     number, lead, level = (
-        around(plane) for plane in (votes, votes * (seen.for_upload - seen.for_u), votes * seen.for_u)
+        blurred(cells, wide) + params.far_share * float(cells.mean())
+        for cells in (polls.fair, polls.lead, polls.level)
     )
-    equal = np.asarray(ramp(ratio(lead, level), -params.worse_by, -params.equal_within), np.float64)
-    return equal, ratio(level, number)
+    return ramp(ratio(lead, level), -params.worse_by, -params.equal_within), ratio(level, number)
 
 
-def _reach(judge: _Judge, seen: _Seen, trust: _Trust) -> Mask:
-    """What the upload says of hidden surfaces, as far as it continues what can be checked (R10)."""
-    params, upload = judge.params, judge.maps.upload
-    edge = judge.scene.edge
-    soft = np.zeros(upload.valid.shape, np.bool_) if edge is None else edge < params.soft_edge
-    contradicted = trust.strong & ~seen.near & ~trust.wins
-    contradicted &= trust.comparable | (trust.level < params.high_trust)
-    passing = upload.valid & trust.enough & ~contradicted & ~_rough(judge, trust, soft)
-    seeds = trust.enough & seen.near & seen.u & seen.upload
-    return judge.backend.reach(seeds, passing, soft, upload.u, params.step_px)
-
-
-def _comparable(judge: _Judge, seen: _Seen, level: Plane) -> Mask:
-    beside = _grown(judge.maps.upload.valid & ~seen.upload, _BESIDE_HIDDEN)
-    return seen.upload & ~(beside & (level >= judge.params.high_trust))
-
-
-def _strong(judge: _Judge, seen: _Seen, usual: Plane) -> Mask:
-    """`usual`: evidence around for GDR's map where both agree, (H, W)."""
-    weak = mean_around(seen.for_u, _CLOSE + 2) < judge.params.weak_share * usual
-    return seen.u & ~weak & ~seen.glints
-
-
-def _wins(judge: _Judge, seen: _Seen) -> Mask:
-    lead = mean_around(seen.for_upload - seen.for_u, _CLOSE)
-    return seen.upload & (lead > judge.params.win_margin)
-
-
-def _rough(judge: _Judge, trust: _Trust, soft: Mask) -> Mask:
-    """Where the upload steps up and down, or has holes: what no surface does."""
-    params, (u, valid) = judge.params, judge.maps.upload
-    largest = np.zeros(u.shape, u.dtype)
-    largest[:, :-1] = np.abs(np.diff(u, axis=1))
-    largest[:-1] = np.maximum(largest[:-1], np.abs(np.diff(u, axis=0)))
-    steps = ((largest > 1.05 * params.step_px) & ~soft) | ~valid
-    most = params.rough_share + (params.trusted_rough_share - params.rough_share) * ramp(
-        trust.level, *_ALL_BUT_COMPLETE
-    )
-    rough: Mask = mean_around(steps.astype(u.dtype), _ROUGH) > most
-    return rough | (mean_around((~valid).astype(u.dtype), _PATCH) > params.unknown_share)
-
-
-def _share(judge: _Judge, seen: _Seen, trust: _Trust, reached: Mask) -> Plane:
-    params, upload = judge.params, judge.maps.upload
-    apart = np.where(trust.strong & trust.comparable, trust.enough & trust.wins, reached)
-    together = np.where(seen.u, trust.equal, reached)
-    kept = upload.valid & ~speckles(upload, params.patch_share, judge.backend)
-    share: Plane = np.where(seen.near, together, apart) * kept
-    return share.astype(upload.u.dtype, copy=False)
+def _continued(judge: _Judge, u: Plane, polls: Polls) -> Plane:
+    """GDR's map, bent towards the plane around it where the match lies outside of the right image (R7)."""
+    params = judge.params
+    window = max(4.0, params.reach * float(np.percentile(u[::CELL, ::CELL], 95)))
+    fit = fit_planes(Sums(polls.shown, polls.of_u, polls.of_square), window, judge.grid)
+    # Matches leave the image on its left alone.
+    part = np.s_[:, : int(u.max()) + 1]
+    near, value, residual = u[part], fit.value[part], fit.residual[part]
+    limit = params.bend * np.maximum(near, 1)
+    bend = np.clip(value - near, -limit, limit) / (1 + residual / params.flat_px**2)
+    outside = (np.arange(near.shape[1]) < near) & (fit.support[part] > _TOUCHED)
+    continued = u.copy()
+    continued[part] = np.where(outside, np.maximum(near + bend, 0), near)
+    return continued
 
 
 def _grown(mask: Mask, by: int) -> Mask:

@@ -175,16 +175,19 @@ class FusionParams(StageParams):
     evidence_width: float = Field(
         0.045, gt=0, le=1, description="window that evidence is compared over [share of the width] (R9)"
     )
+    least_width_px: float = Field(
+        15.0, ge=0, le=1000, description="neither window is narrower [px at working size] (R8, R9)"
+    )
     far_share: float = Field(
         0.1, ge=0, le=1, description="weight of a window four times as wide, or of all [1] (R8, R9)"
     )
     min_trust: float = Field(0.62, ge=0, le=1, description="trust from which the upload counts [1] (R8)")
     full_trust: float = Field(0.75, ge=0, le=1, description="trust from which it counts in full [1] (R8)")
     high_trust: float = Field(
-        0.85,
+        0.82,
         ge=0,
         le=1,
-        description="trust that lets the upload hide what GDR sees [1] (R10)",
+        description="trust that lets the upload lack evidence, and hide what GDR sees [1] (R10)",
     )
     worse_by: float = Field(
         0.008, ge=0, le=1, description="share of evidence that the upload lacks and loses by [1] (R9)"
@@ -195,6 +198,9 @@ class FusionParams(StageParams):
     win_margin: float = Field(
         0.02, ge=0, le=2, description="evidence that it needs beyond GDR's where they differ [1] (R10)"
     )
+    trusted_margin: float = Field(
+        0.18, ge=0, le=2, description="evidence that it may lack there where trust is high [1] (R10)"
+    )
     near_px: float = Field(
         1.5, gt=0, le=100, description="up to here the two are blended [px at input size] (R10)"
     )
@@ -204,14 +210,11 @@ class FusionParams(StageParams):
         le=1,
         description="GDR sees nothing below this share of the evidence around [1] (R10)",
     )
+    spike_px: float = Field(
+        0.4, gt=0, le=100, description="rise above both neighbours, as of no surface [px at working size] (R10)"
+    )
     rough_share: float = Field(
-        0.2, ge=0, le=1, description="share of steps around that makes the upload rough [1] (R10)"
-    )
-    trusted_rough_share: float = Field(
-        0.5, ge=0, le=1, description="the same where trust is all but complete [1] (R10)"
-    )
-    unknown_share: float = Field(
-        0.1, ge=0, le=1, description="share of unknown pixels around that makes it patchy [1] (R10)"
+        0.04, ge=0, le=1, description="share of spikes and holes around that makes it rough [1] (R10)"
     )
     step_px: float = Field(
         0.8, gt=0, le=100, description="steps of a smooth surface [px at working size] (R10)"
@@ -223,7 +226,7 @@ class FusionParams(StageParams):
         0.003,
         ge=0,
         le=1,
-        description="smallest patch of the upload that is kept [share of the picture] (R10)",
+        description="patches of the upload up to this size are dropped [share of the picture] (R10)",
     )
     reach: float = Field(
         0.8, gt=0, le=10, description="window of the plane fit, in large disparities [1] (R7)"

@@ -9,10 +9,13 @@ import numpy as np
 import numpy.typing as npt
 
 from stereomend.disparity import Mask
-from stereomend.refinement.stage_params import GdrParams, LdrParams
+from stereomend.refinement.stage_params import FusionParams, GdrParams, LdrParams
 
 Plane = npt.NDArray[np.floating[Any]]
 """float32 (H, W) for `native`, float64 for `reference`."""
+
+Cells = npt.NDArray[np.float64]
+"""A number for each cell of a coarse grid."""
 
 SMALLEST = 0.5
 """A smaller disparity [px] is a network's way to say that it knows nothing."""
@@ -87,6 +90,113 @@ class Reading(NamedTuple):
     u: Plane
     valid: Mask
     """Which pixels count."""
+
+
+class Rivals(NamedTuple):
+    """The upload and GDR's map at working size, and what the pair says of them, each (H, W)."""
+
+    upload: Plane
+    """Samples, px; 0 where unknown."""
+    valid: Mask
+    """The upload is known."""
+    u: Plane
+    """GDR's map, px."""
+    for_upload: Plane
+    """Evidence n."""
+    for_u: Plane
+    upload_shown: Mask
+    """Valid, and shown by the right image if the upload is right."""
+    u_shown: Mask
+
+
+class PollRule(NamedTuple):
+    """Who votes on the upload, and how (R8, R9)."""
+
+    tolerance: float
+    """Difference at which both maps disagree, px at working size."""
+    near: float
+    """Difference up to which they say nearly the same, px at working size."""
+    clear: tuple[float, float] = (0.3, 0.7)
+    """Evidence for GDR's map that lets a pixel vote, and lets it vote in full."""
+    frame: float = 3.0
+    """Votes have their match farther inside of the right image's left end, px: descriptors see around."""
+
+
+class Grounds(NamedTuple):
+    """What the choice is made on, besides the maps, each (H, W)."""
+
+    level: Plane
+    """Trust T, 0 to 1 (R8)."""
+    equal: Plane
+    """0 to 1: where both say nearly the same, the upload is as good as GDR's map (R9)."""
+    usual: Plane
+    """Evidence for GDR's map where both agree."""
+    edge: Plane
+    """Weight of the smoothness, over 0 to 1."""
+    glints: Mask
+    """A glint, or beside one."""
+    beside: Mask
+    """The upload hides it, or something beside it."""
+
+
+class ChoiceRule(NamedTuple):
+    """The constants of R10; lengths in px at working size."""
+
+    near: float
+    enough: float
+    full_trust: float
+    high_trust: float
+    win_margin: float
+    trusted_margin: float
+    weak_share: float
+    spike: float
+    rough_share: float
+    step: float
+    soft_edge: float
+    largest_patch: int
+    """The most pixels of a patch that is dropped."""
+
+    @classmethod
+    def of(cls, params: FusionParams, scale: float, pixels: int) -> ChoiceRule:
+        """For a picture of so many pixels at `scale` of the input's size."""
+        return cls(
+            near=params.near_px * scale,
+            enough=(params.min_trust + params.full_trust) / 2,
+            full_trust=params.full_trust,
+            high_trust=params.high_trust,
+            win_margin=params.win_margin,
+            trusted_margin=params.trusted_margin,
+            weak_share=params.weak_share,
+            spike=params.spike_px,
+            rough_share=params.rough_share,
+            step=params.step_px,
+            soft_edge=params.soft_edge,
+            largest_patch=int(params.patch_share * pixels),
+        )
+
+
+CELL = 8
+"""Pixels per cell of the grid that wide means are computed on, along both axes."""
+
+
+class Polls(NamedTuple):
+    """Means over cells of `CELL` x `CELL` pixels, float64; a cell at the end has fewer."""
+
+    voted: Cells
+    agreed: Cells
+    """Of the votes."""
+    fair: Cells
+    """Votes where both say nearly the same, and nothing spoils the comparison."""
+    lead: Cells
+    """Their sum of the evidence for the upload beyond that for GDR's map."""
+    level: Cells
+    """Their sum of the evidence for GDR's map."""
+    shown: Cells
+    """The share of GDR's map that the right image shows."""
+    of_u: Cells
+    """Sums of u over that, px."""
+    of_square: Cells
+    """And of u * u."""
 
 
 class Backend(Protocol):
@@ -193,6 +303,17 @@ class Backend(Protocol):
 
         A step leads onto a `passing` pixel, and changes `u` by at most `step` px or touches a `soft` pixel.
         """
+        ...
+
+    def poll(self, rivals: Rivals, matte: Mask, spoilt: Mask, rule: PollRule) -> Polls:
+        """Let the pixels that can be checked vote on the upload (R8, R9); plane sums for R7.
+
+        `matte`: no glint; `spoilt`: beside what a map hides, or a glint, where evidence cannot be compared.
+        """
+        ...
+
+    def choose(self, rivals: Rivals, grounds: Grounds, rule: ChoiceRule) -> Plane:
+        """The share of the upload in the result, (H, W) in [0, 1] (R10)."""
         ...
 
     def mismatch(self, left: Plane, readings: Sequence[Reading]) -> list[tuple[float, int]]:

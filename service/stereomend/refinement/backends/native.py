@@ -14,11 +14,16 @@ from stereomend.opencv import cv2
 from stereomend.refinement.backends.base import (
     SMALLEST,
     UNGUIDED,
+    ChoiceRule,
+    Grounds,
     Guide,
     OcclusionRule,
     Plane,
+    PollRule,
+    Polls,
     Reading,
     ReuseRule,
+    Rivals,
     Size,
     SpeckleRule,
     Usable,
@@ -133,6 +138,19 @@ class NativeBackend:
     def reach(self, seeds: Mask, passing: Mask, soft: Mask, u: Plane, step: float) -> Mask:
         """See `Backend.reach`."""
         return self._engine.reach(seeds, passing, soft, self.plane(u), step)
+
+    def poll(self, rivals: Rivals, matte: Mask, spoilt: Mask, rule: PollRule) -> Polls:
+        """See `Backend.poll`."""
+        least, full = rule.clear
+        constants = _native.PollRule(
+            tolerance=rule.tolerance, near=rule.near, least=least, full=full, frame=rule.frame
+        )
+        planes = self._engine.poll(rivals, matte, spoilt, constants)
+        return Polls(*planes.reshape(len(Polls._fields), -1, planes.shape[1]))
+
+    def choose(self, rivals: Rivals, grounds: Grounds, rule: ChoiceRule) -> Plane:
+        """See `Backend.choose`."""
+        return self._engine.choose(rivals, grounds, _native.ChoiceRule(**rule._asdict()))
 
     def mismatch(self, left: Plane, readings: Sequence[Reading]) -> list[tuple[float, int]]:
         """See `Backend.mismatch`."""

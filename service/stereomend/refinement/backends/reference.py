@@ -14,14 +14,20 @@ import numpy.typing as npt
 
 from stereomend.disparity import Mask
 from stereomend.refinement.backends import reference_evidence as parts
+from stereomend.refinement.backends import reference_fusion as fusion
 from stereomend.refinement.backends.base import (
     SMALLEST,
     UNGUIDED,
+    ChoiceRule,
+    Grounds,
     Guide,
     OcclusionRule,
     Plane,
+    PollRule,
+    Polls,
     Reading,
     ReuseRule,
+    Rivals,
     Size,
     SpeckleRule,
     Usable,
@@ -172,6 +178,14 @@ class ReferenceBackend:
     def reach(self, seeds: Mask, passing: Mask, soft: Mask, u: Plane, step: float) -> Mask:
         """See `Backend.reach`."""
         return walk_all_ways(Land(seeds, passing, soft, self.plane(u)), step)
+
+    def poll(self, rivals: Rivals, matte: Mask, spoilt: Mask, rule: PollRule) -> Polls:
+        """See `Backend.poll`."""
+        return fusion.poll(rivals, matte, spoilt, rule)
+
+    def choose(self, rivals: Rivals, grounds: Grounds, rule: ChoiceRule) -> Plane:
+        """See `Backend.choose`."""
+        return fusion.choose(rivals, grounds, rule)
 
     def mismatch(self, left: Plane, readings: Sequence[Reading]) -> list[tuple[float, int]]:
         """See `Backend.mismatch`."""

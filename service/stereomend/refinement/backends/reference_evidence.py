@@ -31,13 +31,15 @@ def _windows(values: Array, mode: Any) -> Array:
     return np.lib.stride_tricks.sliding_window_view(padded, (_SIDE, _SIDE))
 
 
-def patches(u: Array, valid: Mask, step: float) -> npt.NDArray[np.intp]:
+def patches(u: Array, valid: Mask, step: float, soft: Mask | None = None) -> npt.NDArray[np.intp]:
     """A number for each patch, (H, W): of its first pixel; what is not valid is a patch of its own.
 
+    Valid neighbours are joined where u changes by at most `step`, or either is soft.
     Every pixel takes the least number around that it is joined to, and then that pixel's, until none changes.
     """
     label = np.arange(u.size).reshape(u.shape)
-    joins = [_joined(u, valid, step, axis) for axis in (0, 1)]
+    soft = np.zeros(u.shape, np.bool_) if soft is None else soft
+    joins = [_joined(u, valid, soft, step, axis) for axis in (0, 1)]
     while True:
         found = label.copy()
         for axis, joined in enumerate(joins):
@@ -50,7 +52,7 @@ def patches(u: Array, valid: Mask, step: float) -> npt.NDArray[np.intp]:
         label = found
 
 
-def _joined(u: Array, valid: Mask, step: float, axis: int) -> Mask:
-    u, valid = np.moveaxis(u, axis, 0), np.moveaxis(valid, axis, 0)
-    joined: Mask = (np.abs(np.diff(u, axis=0)) <= step) & valid[1:] & valid[:-1]
-    return joined
+def _joined(u: Array, valid: Mask, soft: Mask, step: float, axis: int) -> Mask:
+    u, valid, soft = np.moveaxis(u, axis, 0), np.moveaxis(valid, axis, 0), np.moveaxis(soft, axis, 0)
+    joined: Mask = (np.abs(np.diff(u, axis=0)) <= step) | soft[1:] | soft[:-1]
+    return joined & valid[1:] & valid[:-1]

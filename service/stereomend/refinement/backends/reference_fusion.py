@@ -15,6 +15,7 @@ from stereomend.refinement.backends.reference_search import Land, walk_all_ways
 Array = npt.NDArray[np.float64]
 
 _AROUND = 7  # px on each side of the window that roughness is looked for in
+_HARDLY = 1e-4  # of a pixel: rounding shall not decide whether a count is over a share
 
 
 def ramp(values: Array, low: float, high: float) -> Array:
@@ -87,7 +88,7 @@ def _settle(rivals: Rivals, grounds: Grounds, rule: ChoiceRule) -> _Settled:
         np.where(close, rivals.u_shown, strong & comparable),
         np.where(close, grounds.equal, enough & wins),
         enough & close & rivals.u_shown & rivals.upload_shown,
-        rivals.valid & enough & ~contradicted & (share_around(uneven) <= rule.rough_share),
+        rivals.valid & enough & ~contradicted & few_around(uneven, rule.rough_share),
     )
 
 
@@ -110,13 +111,13 @@ def straight(u: Array, step: float) -> Mask:
     return found
 
 
-def share_around(flags: Mask) -> Array:
-    """The share of the pixels within 7 px along both axes, of those inside the picture."""
+def few_around(flags: Mask, share: float) -> Mask:
+    """Whether up to a share of the pixels within 7 px along both axes, as far as the picture goes, is flagged."""
     sums, sizes = flags.astype(np.float64), np.ones(flags.shape)
     for axis in (0, 1):
         sums, sizes = (_sum_around(part, axis) for part in (sums, sizes))
-    share: Array = sums / sizes
-    return share
+    few: Mask = sums <= share * sizes + _HARDLY
+    return few
 
 
 def _sum_around(values: Array, axis: int) -> Array:

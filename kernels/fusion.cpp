@@ -1,0 +1,69 @@
+#include "fusion.hpp"
+
+#include "gang.hpp"
+
+namespace stereomend {
+namespace {
+
+Choice choice_of(const Rivals& rivals, float* share, EvidenceBuffers& buffers) {
+    const long pixels = pixels_of(rivals.size);
+    reserve(buffers.marks, 5 * pixels);
+    uint8_t* marks = buffers.marks.data();
+    bool* flags = reinterpret_cast<bool*>(marks + pixels);
+    return {marks, flags, flags + pixels, flags + 2 * pixels, flags + 3 * pixels, share};
+}
+
+// The columns of the picture that a member walks down and up.
+void walk_columns(const Terrain& terrain, int member, const Gang& gang, bool* reached) {
+    const Rows columns = band(terrain.size.width, member, gang.count);
+    const LdrSweeps& sweeps = gang.crew.ldr;
+    for (int y = 1; y < terrain.size.height; ++y) sweeps.reach_across(terrain, y - 1, y, columns, reached);
+    for (int y = terrain.size.height - 2; y >= 0; --y) sweeps.reach_across(terrain, y + 1, y, columns, reached);
+}
+
+}  // namespace
+
+void poll(const Rivals& rivals, const PollMarks& marks, const PollRule& rule, double* out, const FusionCrew& crew) {
+    const Gang gang(crew.evidence, rivals.size);
+    const int height = cells_of(rivals.size.height);
+    const int width = cells_of(rivals.size.width);
+    gang.run([&](int member) {
+        const Rows rows = band(height, member, gang.count);
+        for (int row = rows.begin; row < rows.end; ++row)
+            crew.sweeps.poll(rivals, marks, rule, row, gang.scratch(member), static_cast<long>(height) * width,
+                             out + static_cast<long>(row) * width);
+    });
+}
+
+void choose(const Rivals& rivals, const Grounds& grounds, const ChoiceRule& rule, float* out, const FusionCrew& crew) {
+    const Gang gang(crew.evidence, rivals.size);
+    const int width = rivals.size.width;
+    const Choice choice = choice_of(rivals, out, crew.evidence.buffers);
+    const Patches patches = patches_of(rivals.size, crew.evidence.buffers);
+    const Steps steps{rivals.size, rivals.upload, rivals.valid, rule.step, choice.even};
+    const Terrain terrain{rivals.size, rivals.upload, choice.passing, choice.soft, rule.step};
+    gang.run([&](int member) {
+        const Rows rows = gang.rows(member);
+        float* scratch = gang.scratch(member);
+        for (int y = rows.begin; y < rows.end; ++y)
+            crew.sweeps.look(rivals, rule, y, reinterpret_cast<uint8_t*>(scratch), choice);
+        gang.meet();
+        for (int y = rows.begin; y < rows.end; ++y) {
+            crew.sweeps.settle(rivals, grounds, rule, y, scratch, choice);
+            gang.crew.ldr.reach_along(terrain, y, choice.reached);
+        }
+        gang.crew.sweeps.label(steps, patches, rows, gang.flags(member));
+        gang.meet();
+        walk_columns(terrain, member, gang, choice.reached);
+        if (member == 0) join_bands(patches, gang);
+        gang.meet();
+        for (int y = rows.begin; y < rows.end; ++y) {
+            bool* small = gang.row_of_flags(member);
+            std::fill(small, small + width, false);
+            gang.crew.sweeps.flag_small(patches, width, y, rule.largest_patch, small);
+            crew.sweeps.conclude(rivals, y, small, choice);
+        }
+    });
+}
+
+}  // namespace stereomend

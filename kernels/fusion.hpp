@@ -1,0 +1,21 @@
+// The choice between two maps on the CPU (R8 to R10).
+#pragma once
+
+#include "evidence.hpp"
+#include "fusion_sweeps.hpp"
+
+namespace stereomend {
+
+// Who works, where and with what.
+struct FusionCrew {
+    const EvidenceCrew& evidence;
+    const FusionSweeps& sweeps;
+};
+
+// The means over cells of what pixels vote [out, kPolls planes of cells_of(height) x cells_of(width)].
+void poll(const Rivals& rivals, const PollMarks& marks, const PollRule& rule, double* out, const FusionCrew& crew);
+
+// The share of the upload at every pixel, 0 to 1 [out].
+void choose(const Rivals& rivals, const Grounds& grounds, const ChoiceRule& rule, float* out, const FusionCrew& crew);
+
+}  // namespace stereomend

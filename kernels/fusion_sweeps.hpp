@@ -1,0 +1,94 @@
+// The row loops of the choice between two maps (R8 to R10), and what they are given. Planes are row-major (height,
+// width).
+#pragma once
+
+#include <stdint.h>
+
+#include "ldr_sweeps.hpp"
+
+namespace stereomend {
+
+// Two maps of the same pair: the upload's samples and what GDR found.
+struct Rivals {
+    Size size;
+    const float* upload;  // disparity [px], 0 where it is not valid
+    const float* u;
+    const float* for_upload;  // evidence, -1 to 1
+    const float* for_u;
+    const bool* valid;
+    const bool* upload_shown;  // valid, and the right image shows it
+    const bool* u_shown;
+};
+
+// Who votes, and how.
+struct PollRule {
+    float tolerance;  // difference at which the maps disagree [px]
+    float near;       // difference up to which they say nearly the same [px]
+    float least;      // evidence for u from which a pixel votes [1]
+    float full;       // and from which it votes in full [1]
+    float frame;      // votes have their match farther inside of the right image's left end [px]
+};
+
+// No glint; beside what spoils a comparison of evidence.
+struct PollMarks {
+    const bool* matte;
+    const bool* spoilt;
+};
+
+constexpr int kCell = 8;   // side of a cell [px]
+constexpr int kPolls = 8;  // voted, agreed, fair, lead, level, shown, of u, of its square
+
+constexpr int cells_of(int side) { return side / kCell + (side % kCell > 0); }
+
+// What the choice is made on, besides the maps.
+struct Grounds {
+    const float* level;  // trust, 0 to 1
+    const float* equal;  // where both say nearly the same, the upload is as good: 0 to 1
+    const float* usual;  // evidence for u where both agree
+    const float* edge;   // weight of the smoothness, over 0 to 1
+    const bool* glints;
+    const bool* beside;  // of what the upload hides
+};
+
+// Lengths in px, the rest without unit; see docs/robust.md.
+struct ChoiceRule {
+    float near;
+    float enough;
+    float full_trust;
+    float high_trust;
+    float win_margin;
+    float trusted_margin;
+    float weak_share;
+    float spike;
+    float rough_share;
+    float step;
+    float soft_edge;
+    int largest_patch;  // [px]
+};
+
+// What is known on the way to a choice, (height, width).
+struct Choice {
+    uint8_t* uneven;  // how many of the 15 pixels around in the row are spikes or holes
+    bool* even;       // a slope goes on as it came
+    bool* soft;
+    bool* passing;
+    bool* reached;
+    float* share;  // of the upload; below 0 where it is to be reached
+};
+
+struct FusionSweeps {
+    // Writes row `row` of the cells' means [out, kPolls planes of `plane` cells each]; scratch: kPolls * width.
+    void (*poll)(const Rivals&, const PollMarks&, const PollRule&, int row, float* scratch, long plane, double* out);
+    // Writes row y of `uneven` and `even`; scratch: width + 14.
+    void (*look)(const Rivals&, const ChoiceRule&, int y, uint8_t* scratch, const Choice&);
+    // Writes row y of `soft`, `passing`, `reached` (its seeds) and `share`; scratch: 4 * (width + 4).
+    void (*settle)(const Rivals&, const Grounds&, const ChoiceRule&, int y, float* scratch, const Choice&);
+    // Completes row y of the share [in/out]: what is reached, without small patches.
+    void (*conclude)(const Rivals&, int y, const bool* small, const Choice&);
+};
+
+extern const FusionSweeps fusion_sweeps_v2;
+extern const FusionSweeps fusion_sweeps_v3;
+extern const FusionSweeps fusion_sweeps_generic;
+
+}  // namespace stereomend
