@@ -4,6 +4,7 @@
 #include "descriptors.hpp"
 #include "evidence_sweeps.hpp"
 #include "exponential.cuh"
+#include "flags.hpp"
 #include "halves.hpp"
 #include "median.cuh"
 #include "patches.hpp"

@@ -1,8 +1,11 @@
 // The choice between two maps (R8 to R10) as row loops that the compiler vectorises.
 //
 // Compiled once per instruction set, like gdr_cpu.cpp: everything but the table is local to the file.
+#include <string.h>
+
 #include "descriptors.hpp"
 #include "exponential.cuh"
+#include "flags.hpp"
 #include "fusion_sweeps.hpp"
 #include "windows.hpp"
 
@@ -13,8 +16,6 @@ constexpr int kWide = 7;  // pixels on each side of the window that roughness is
 constexpr float kHardly = 1e-4f;  // of a pixel: rounding shall not decide whether a count is over a share
 
 long offset_of(Size size, int y) { return static_cast<long>(y) * size.width; }
-
-uint8_t* bytes_of(bool* flags) { return reinterpret_cast<uint8_t*>(flags); }
 
 PIXEL_FN int flag(bool holds) { return holds ? 1 : 0; }
 
@@ -139,23 +140,23 @@ void sum_columns(const Rivals& in, int y, float* leads, float* levels) {
 
 PIXEL_FN float five(const float* v) { return 0.04f * (v[-2] + v[-1] + v[0] + v[1] + v[2]); }
 
-// Whether few enough of the pixels around are uneven; 1 or 0 as a float.
-void find_smooth(Size size, int y, float share, const uint8_t* uneven, float* out) {
+// Whether few enough of the pixels around row y are uneven. In bytes, for 15 x 15 pixels are no more than they hold.
+void find_smooth(Size size, int y, float share, const uint8_t* uneven, uint8_t* out) {
+    const int width = size.width;
     const int first = y > kWide ? y - kWide : 0;
     const int last = y + kWide < size.height ? y + kWide : size.height - 1;
-    for (int x = 0; x < size.width; ++x) out[x] = 0.0f;
+    memset(out, 0, width);
     for (int row = first; row <= last; ++row) {
         const uint8_t* sums = uneven + offset_of(size, row);
 #pragma GCC ivdep
-        for (int x = 0; x < size.width; ++x) out[x] += static_cast<float>(sums[x]);
+        for (int x = 0; x < width; ++x) out[x] = static_cast<uint8_t>(out[x] + sums[x]);
     }
-    const int width = size.width;
 #pragma GCC ivdep
     for (int x = 0; x < width; ++x) {
         const int begin = x > kWide ? x - kWide : 0;
         const int end = x + kWide < width ? x + kWide + 1 : width;
         const float area = static_cast<float>((end - begin) * (last + 1 - first));
-        out[x] = out[x] <= share * area + kHardly ? 1.0f : 0.0f;
+        out[x] = static_cast<uint8_t>(flag(static_cast<float>(out[x]) <= share * area + kHardly));
     }
 }
 
@@ -164,7 +165,8 @@ void settle(const Rivals& in, const Grounds& grounds, const ChoiceRule& rule, in
     const int width = in.size.width;
     const long o = offset_of(in.size, y);
     const long stride = width + 2 * kAround;
-    float *leads = scratch + kAround, *levels = leads + stride, *smooth = levels + stride;
+    float *leads = scratch + kAround, *levels = leads + stride;
+    uint8_t* smooth = reinterpret_cast<uint8_t*>(levels + stride);
     sum_columns(in, y, leads, levels);
     find_smooth(in.size, y, rule.rough_share, choice.uneven, smooth);
     const float *upload = in.upload + o, *u = in.u + o;
@@ -193,7 +195,7 @@ void settle(const Rivals& in, const Grounds& grounds, const ChoiceRule& rule, in
         const float found = close ? equal[x] : static_cast<float>(enough & wins);
         share[x] = decided ? found : -1.0f;
         seeds[x] = static_cast<uint8_t>(enough & close & u_shown[x] & shown[x]);
-        passing[x] = static_cast<uint8_t>(valid[x] & enough & (1 - contradicted) & flag(smooth[x] > 0.5f));
+        passing[x] = static_cast<uint8_t>(valid[x] & enough & (1 - contradicted) & smooth[x]);
         soft[x] = static_cast<uint8_t>(even[x] | flag(edge[x] < limits.soft_edge));
     }
 }
@@ -205,7 +207,8 @@ void conclude(const Rivals& in, int y, const bool* small, const Choice& choice) 
     const int width = in.size.width;
 #pragma GCC ivdep
     for (int x = 0; x < width; ++x) {
-        const float found = share[x] < 0.0f ? static_cast<float>(reached[x]) : share[x];
+        const float walked = static_cast<float>(reached[x]);
+        const float found = share[x] < 0.0f ? walked : share[x];
         share[x] = found * static_cast<float>(valid[x] & (1 - gone[x]));
     }
 }

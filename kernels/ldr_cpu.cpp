@@ -1,6 +1,7 @@
 // The steps of LDR as row loops that the compiler vectorises.
 //
 // Compiled once per instruction set, like gdr_cpu.cpp: everything but the table is local to the file.
+#include "flags.hpp"
 #include "ldr_sweeps.hpp"
 
 namespace stereomend {
@@ -205,24 +206,80 @@ void fill_occlusions(float* u, const bool* known, int width, const OcclusionRule
     }
 }
 
-PIXEL_FN bool passes(const Terrain& terrain, long from, long to) {
-    const bool near = fabsf(terrain.u[to] - terrain.u[from]) <= terrain.step;
-    return terrain.passing[to] & (near | terrain.soft[to] | terrain.soft[from]);
+// Whether steps from the pixels `back` before lead onto `count` pixels from i on: 1 or 0. As numbers, for comparisons
+// of bools are not vectorised.
+void find_links(const Terrain& terrain, long i, long back, int count, uint8_t* links) {
+    const float *u = terrain.u + i, *from = u - back;
+    const uint8_t* passing = bytes_of(terrain.passing) + i;
+    const uint8_t *soft = bytes_of(terrain.soft) + i, *soft_from = soft - back;
+    const float step = terrain.step;
+#pragma GCC ivdep
+    for (int x = 0; x < count; ++x)
+        links[x] = static_cast<uint8_t>(((fabsf(u[x] - from[x]) <= step ? 1 : 0) | soft[x] | soft_from[x]) & passing[x]);
+}
+
+// 64 pixels as bits of a number, the first the lowest. A bit of the links leads from its neighbour onto that pixel.
+uint64_t flood_up(uint64_t reached, uint64_t links) {
+    for (int way = 1; way < 64; way *= 2) {
+        reached |= links & (reached << way);
+        links &= links << way;
+    }
+    return reached;
+}
+
+uint64_t flood_down(uint64_t reached, uint64_t links) {
+    for (int way = 1; way < 64; way *= 2) {
+        reached |= links & (reached >> way);
+        links &= links >> way;
+    }
+    return reached;
+}
+
+// Floods `count` pixels from column x of row y on; `entry`: whether the one beside them, on the side of `back`, is
+// reached. Returns what is reached.
+uint64_t flood(const Terrain& terrain, int y, int x, int count, long back, bool entry, bool* reached) {
+    const long i = offset_of(terrain.size, y) + x;
+    uint8_t links[64] = {};
+    uint8_t flags[64] = {};
+    const bool first = back > 0 && x == 0;
+    const bool last = back < 0 && x + count == terrain.size.width;
+    find_links(terrain, i + first, back, count - first - last, links + first);
+    memcpy(flags, reached + i, count);
+    const uint64_t beside = entry ? (back > 0 ? 1 : uint64_t{1} << 63) : 0;
+    const uint64_t ways = packed(links);
+    const uint64_t found = packed(flags) | (beside & ways);
+    const uint64_t all = back > 0 ? flood_up(found, ways) : flood_down(found, ways);
+    unpack(all, flags);
+    memcpy(reached + i, flags, count);
+    return all;
 }
 
 void reach_along(const Terrain& terrain, int y, bool* reached) {
-    const long begin = offset_of(terrain.size, y);
-    const long end = begin + terrain.size.width;
-    for (long i = begin + 1; i < end; ++i) reached[i] |= reached[i - 1] & passes(terrain, i - 1, i);
-    for (long i = end - 2; i >= begin; --i) reached[i] |= reached[i + 1] & passes(terrain, i + 1, i);
+    const int width = terrain.size.width;
+    uint64_t beside = 0;
+    for (int x = 0; x < width; x += 64) {
+        const int count = width - x < 64 ? width - x : 64;
+        beside = flood(terrain, y, x, count, 1, beside >> 63, reached);
+    }
+    beside = 0;
+    for (int x = (width - 1) / 64 * 64; x >= 0; x -= 64) {
+        const int count = width - x < 64 ? width - x : 64;
+        beside = flood(terrain, y, x, count, -1, beside & 1, reached);
+    }
 }
 
 void reach_across(const Terrain& terrain, int from, int y, Rows columns, bool* reached) {
-    const long source = offset_of(terrain.size, from);
-    const long target = offset_of(terrain.size, y);
+    const long back = offset_of(terrain.size, y - from);
+    const long i = offset_of(terrain.size, y) + columns.begin;
+    const int count = columns.end - columns.begin;
+    uint8_t* target = bytes_of(reached) + i;
+    for (int x = 0; x < count; x += 64) {
+        uint8_t links[64];
+        const int some = count - x < 64 ? count - x : 64;
+        find_links(terrain, i + x, back, some, links);
 #pragma GCC ivdep
-    for (int x = columns.begin; x < columns.end; ++x)
-        reached[target + x] |= reached[source + x] & passes(terrain, source + x, target + x);
+        for (int k = 0; k < some; ++k) target[x + k] |= target[x + k - back] & links[k];
+    }
 }
 
 }  // namespace

@@ -6,7 +6,7 @@
 #include <string.h>
 
 #include "evidence_sweeps.hpp"
-#include "windows.hpp"
+#include "flags.hpp"
 
 namespace stereomend {
 namespace {
@@ -18,16 +18,7 @@ int ones(uint64_t word) { return __builtin_popcountll(word); }
 void pack(uint8_t* flags, int width, uint64_t* words) {
     const size_t count = words_of(width);
     memset(flags + width, 0, 64 * count - width);
-    for (size_t w = 0; w < count; ++w) {
-        uint64_t word = 0;
-        for (int i = 0; i < 8; ++i) {
-            uint64_t eight;
-            memcpy(&eight, flags + 64 * w + 8 * i, sizeof eight);
-            // Each byte's bit to its place in the highest byte.
-            word |= (eight * 0x0102040810204080u >> 56) << (8 * i);
-        }
-        words[w] = word;
-    }
+    for (size_t w = 0; w < count; ++w) words[w] = packed(flags + 64 * w);
 }
 
 // Pixels of a row that the map joins with those `back` pixels before, `width` of them from i on.

@@ -1,9 +1,7 @@
-// What the row loops of evidence and fusion share: windows of 5 pixels, flags as numbers, ramps.
+// What the row loops of evidence and fusion share: windows of 5 pixels, ramps.
 //
 // For files that are compiled once per instruction set: everything is local to them.
 #pragma once
-
-#include <stdint.h>
 
 #include "pixel.cuh"
 
@@ -12,9 +10,6 @@ namespace {
 
 constexpr int kAround = 2;  // pixels on each side of the window of evidence and of the median
 constexpr int kSide = 2 * kAround + 1;
-
-// As numbers, for comparisons of bools are not vectorised.
-const uint8_t* bytes_of(const bool* flags) { return reinterpret_cast<const uint8_t*>(flags); }
 
 // Repeats the ends of a row, which needs kAround values of room on both sides; `mirror` repeats them outwards.
 void extend(float* row, int width, bool mirror) {

@@ -27,7 +27,7 @@ from stereomend.refinement.backends import (
 from stereomend.refinement.params import RefineParams
 from stereomend.refinement.pyramid import HALF, Sparse, enlarge_disparity, sample, sample_disparity
 from stereomend.refinement.scene import Scene
-from stereomend.refinement.smooth import Grid, Sums, blurred, fit_planes, ramp, ratio
+from stereomend.refinement.smooth import Sums, blurred, fit_planes, pixels, ramp, ratio
 from stereomend.refinement.stage_params import FusionParams
 
 _FAR = 4  # times as wide: the faint window that carries trust over gaps
@@ -76,10 +76,6 @@ class _Judge:
     """Working size divided by input size."""
     backend: Backend
 
-    @property
-    def grid(self) -> Grid:
-        return Grid(self.scene.size, self.backend)
-
     def wide(self, share: float) -> float:
         """A share of the width, px; a window of few pixels tells nothing."""
         return max(share * self.scene.size[1], self.params.least_width_px)
@@ -106,16 +102,13 @@ def _rivals(judge: _Judge, maps: Readings) -> Rivals:
 
 
 def _grounds(judge: _Judge, rivals: Rivals, polls: Polls, glints: Mask) -> Grounds:
-    params, pixels, edge = judge.params, judge.grid.pixels, judge.scene.edge
-    level = _trust(judge, polls)
+    params, edge = judge.params, judge.scene.edge
+    trust = _trust(judge, polls)
     equal, usual = _compared(judge, polls)
-    equal *= ramp(level, params.min_trust, params.full_trust)
-    return Grounds(
-        *(pixels(cells) for cells in (level, equal, usual)),
-        edge=np.ones_like(rivals.u) if edge is None else edge,
-        glints=glints,
-        beside=_grown(rivals.valid & ~rivals.upload_shown, _BESIDE_HIDDEN),
-    )
+    equal *= ramp(trust, params.min_trust, params.full_trust)
+    planes = (pixels(cells, judge.scene.size, judge.backend) for cells in (trust, equal, usual))
+    edge = np.ones_like(rivals.u) if edge is None else edge
+    return Grounds(*planes, edge, glints, _grown(rivals.valid & ~rivals.upload_shown, _BESIDE_HIDDEN))
 
 
 def _trust(judge: _Judge, polls: Polls) -> Cells:
@@ -142,15 +135,15 @@ def _continued(judge: _Judge, u: Plane, polls: Polls) -> Plane:
     """GDR's map, bent towards the plane around it where the match lies outside of the right image (R7)."""
     params = judge.params
     window = max(4.0, params.reach * float(np.percentile(u[::CELL, ::CELL], 95)))
-    fit = fit_planes(Sums(polls.shown, polls.of_u, polls.of_square), window, judge.grid)
-    # Matches leave the image on its left alone.
-    part = np.s_[:, : int(u.max()) + 1]
-    near, value, residual = u[part], fit.value[part], fit.residual[part]
+    fit = fit_planes(Sums(polls.shown, polls.of_u, polls.of_square), window)
+    # Matches leave the right image only on its left.
+    near = u[:, : int(u.max()) + 1]
+    value, residual, support = (pixels(cells, near.shape, judge.backend) for cells in fit)
     limit = params.bend * np.maximum(near, 1)
     bend = np.clip(value - near, -limit, limit) / (1 + residual / params.flat_px**2)
-    outside = (np.arange(near.shape[1]) < near) & (fit.support[part] > _TOUCHED)
+    outside = (np.arange(near.shape[1]) < near) & (support > _TOUCHED)
     continued = u.copy()
-    continued[part] = np.where(outside, np.maximum(near + bend, 0), near)
+    continued[:, : near.shape[1]] = np.where(outside, np.maximum(near + bend, 0), near)
     return continued
 
 

@@ -48,10 +48,9 @@ PRESETS: Mapping[str, Preset] = MappingProxyType(
             GdrParams(
                 data_weight=0.9,
                 levels=6,
-                warps=4,
-                iterations=10,
+                warps=3,
+                iterations=12,
                 coarse_warps=10,
-                coarse_iterations=12,
                 averaging_px=3.5,
                 observed_only=True,
                 edge_falloff=10.0,

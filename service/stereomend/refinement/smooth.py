@@ -12,18 +12,13 @@ from stereomend.refinement.backends import CELL, Backend, Cells, Plane, Size
 _RIDGE = 0.02  # of the squared window: along a line, the slope across it stays near 0
 _NOTHING = 1e-6  # a weight below which there is nothing to average
 
-class Grid(NamedTuple):
-    """Cells over a picture of `size`."""
-
-    size: Size
-    backend: Backend
-
-    def pixels(self, cells: Cells) -> Plane:
-        """Back to (H, W), bilinearly."""
-        height, width = self.size
-        whole = (cells.shape[0] * CELL, cells.shape[1] * CELL)
-        padded = self.backend.enlarge(self.backend.plane(cells), whole)
-        return np.ascontiguousarray(padded[:height, :width])
+def pixels(cells: Cells, size: Size, backend: Backend) -> Plane:
+    """The pixels (H, W) of a picture, or of its left part, bilinearly."""
+    height, width = size
+    # One more, for the last pixels lie beyond the centre of their cell.
+    part = cells[:, : -(-width // CELL) + 1]
+    whole = (part.shape[0] * CELL, part.shape[1] * CELL)
+    return np.ascontiguousarray(backend.enlarge(backend.plane(part), whole)[:height, :width])
 
 
 def blurred(cells: Cells, width_px: float) -> Cells:
@@ -44,13 +39,13 @@ def ramp(cells: Cells, low: float, high: float) -> Cells:
 
 
 class PlaneFit(NamedTuple):
-    """The plane that fits best around each pixel, each (H, W)."""
+    """The plane that fits best around each cell."""
 
-    value: Plane
-    """Of the plane at the pixel."""
-    residual: Plane
+    value: Cells
+    """Of the plane at the cell."""
+    residual: Cells
     """Weighted mean square of what the plane leaves."""
-    support: Plane
+    support: Cells
     """Weight of what it was fitted to, 0 to 1."""
 
 
@@ -62,8 +57,8 @@ class Sums(NamedTuple):
     of_square: Cells
 
 
-def fit_planes(sums: Sums, width_px: float, grid: Grid) -> PlaneFit:
-    """Fit a plane to the known pixels around each pixel, under a Gaussian window of `width_px` (R7)."""
+def fit_planes(sums: Sums, width_px: float) -> PlaneFit:
+    """Fit a plane to the known pixels around each cell, under a Gaussian window of `width_px` (R7)."""
     share, of_u = sums.known, sums.of_u
     total = blurred(share, width_px)
     y, x = ((np.indices(share.shape) + 0.5) * CELL - 0.5) / width_px
@@ -78,4 +73,4 @@ def fit_planes(sums: Sums, width_px: float, grid: Grid) -> PlaneFit:
     along_x, along_y = (xu * yy - yu * xy) / determinant, (yu * xx - xu * xy) / determinant
     residual = np.maximum(mean(sums.of_square) - at_u**2 - along_x * xu - along_y * yu, 0)
     value = at_u + along_x * (x - at_x) + along_y * (y - at_y)
-    return PlaneFit(grid.pixels(value), grid.pixels(residual), grid.pixels(total))
+    return PlaneFit(value, residual, total)
