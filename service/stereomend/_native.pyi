@@ -44,6 +44,27 @@ class TrustParams:
 class SpeckleRule:
     def __init__(self, *, largest: int, step: float) -> None: ...
 
+class PollRule:
+    def __init__(self, *, tolerance: float, near: float, least: float, full: float, frame: float) -> None: ...
+
+class ChoiceRule:
+    def __init__(
+        self,
+        *,
+        near: float,
+        enough: float,
+        full_trust: float,
+        high_trust: float,
+        win_margin: float,
+        trusted_margin: float,
+        weak_share: float,
+        spike: float,
+        rough_share: float,
+        step: float,
+        soft_edge: float,
+        largest_patch: int,
+    ) -> None: ...
+
 class Engine:
     def __init__(self, threads: int, instruction_set: str = "") -> None: ...
     def solve(
@@ -83,6 +104,19 @@ class Engine:
     def speckles(self, u: _Plane, valid: _Flags, rule: SpeckleRule) -> _Flags: ...
     def edge_weights(
         self, channels: Sequence[_Plane], falloff: float, power: float, floor: float
+    ) -> _Plane: ...
+    def poll(
+        self,
+        views: tuple[_Plane, _Flags, _Plane, _Plane, _Plane, _Flags, _Flags],
+        matte: _Flags,
+        spoilt: _Flags,
+        rule: PollRule,
+    ) -> npt.NDArray[np.float64]: ...
+    def choose(
+        self,
+        views: tuple[_Plane, _Flags, _Plane, _Plane, _Plane, _Flags, _Flags],
+        facts: tuple[_Plane, _Plane, _Plane, _Plane, _Flags, _Flags],
+        rule: ChoiceRule,
     ) -> _Plane: ...
     def fill_occlusions(
         self, u: _Plane, known: _Flags, step: float, stretch: float, slack: float

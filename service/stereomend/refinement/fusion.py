@@ -106,16 +106,24 @@ def _grounds(judge: _Judge, rivals: Rivals, polls: Polls, glints: Mask) -> Groun
     trust = _trust(judge, polls)
     equal, usual = _compared(judge, polls)
     equal *= ramp(trust, params.min_trust, params.full_trust)
-    planes = (pixels(cells, judge.scene.size, judge.backend) for cells in (trust, equal, usual))
-    edge = np.ones_like(rivals.u) if edge is None else edge
-    return Grounds(*planes, edge, glints, _grown(rivals.valid & ~rivals.upload_shown, _BESIDE_HIDDEN))
+    planes = [pixels(cells, judge.scene.size, judge.backend) for cells in (trust, equal, usual)]
+    beside = _grown(rivals.valid & ~rivals.upload_shown, _BESIDE_HIDDEN)
+    return Grounds(
+        planes[0],
+        planes[1],
+        planes[2],
+        np.ones_like(rivals.u) if edge is None else edge,
+        glints,
+        beside,
+    )
 
 
 def _trust(judge: _Judge, polls: Polls) -> Cells:
     """T, 0 to 1 (R8)."""
     wide, far_share = judge.wide(judge.params.trust_width), judge.params.far_share
     agreed, voted = (
-        blurred(cells, wide) + far_share * blurred(cells, _FAR * wide) for cells in (polls.agreed, polls.voted)
+        blurred(cells, wide) + far_share * blurred(cells, _FAR * wide)
+        for cells in (polls.agreed, polls.voted)
     )
     return ratio(agreed, voted)
 

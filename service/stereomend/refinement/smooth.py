@@ -12,6 +12,7 @@ from stereomend.refinement.backends import CELL, Backend, Cells, Plane, Size
 _RIDGE = 0.02  # of the squared window: along a line, the slope across it stays near 0
 _NOTHING = 1e-6  # a weight below which there is nothing to average
 
+
 def pixels(cells: Cells, size: Size, backend: Backend) -> Plane:
     """The pixels (H, W) of a picture, or of its left part, bilinearly."""
     height, width = size

@@ -211,7 +211,10 @@ class FusionParams(StageParams):
         description="GDR sees nothing below this share of the evidence around [1] (R10)",
     )
     spike_px: float = Field(
-        0.4, gt=0, le=100, description="rise above both neighbours, as of no surface [px at working size] (R10)"
+        0.4,
+        gt=0,
+        le=100,
+        description="rise above both neighbours, as of no surface [px at working size] (R10)",
     )
     rough_share: float = Field(
         0.04, ge=0, le=1, description="share of spikes and holes around that makes it rough [1] (R10)"

@@ -103,7 +103,7 @@ def spikes(u: Array, height: float) -> Mask:
 
 
 def straight(u: Array, step: float) -> Mask:
-    """A slope that goes on as it came, up to `step` px, along both axes, with its match not left of the frame."""
+    """Slopes that go on as they came, up to `step` px, along both axes; none that leave the frame on the left."""
     found: Mask = np.arange(u.shape[1]) >= u
     for axis in (0, 1):
         bend, flags = np.moveaxis(np.abs(np.diff(u, 2, axis=axis)), axis, 0), np.moveaxis(found, axis, 0)
@@ -112,7 +112,7 @@ def straight(u: Array, step: float) -> Mask:
 
 
 def few_around(flags: Mask, share: float) -> Mask:
-    """Whether up to a share of the pixels within 7 px along both axes, as far as the picture goes, is flagged."""
+    """Whether up to a share of the pixels within 7 px along both axes, inside the picture, is flagged."""
     sums, sizes = flags.astype(np.float64), np.ones(flags.shape)
     for axis in (0, 1):
         sums, sizes = (_sum_around(part, axis) for part in (sums, sizes))
