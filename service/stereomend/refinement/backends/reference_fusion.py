@@ -103,7 +103,7 @@ def spikes(u: Array, height: float) -> Mask:
 
 
 def straight(u: Array, step: float) -> Mask:
-    """Slopes that go on as they came, up to `step` px, along both axes; none that leave the frame on the left."""
+    """Slopes that go on as they came, up to `step` px, along both axes, and do not leave the frame."""
     found: Mask = np.arange(u.shape[1]) >= u
     for axis in (0, 1):
         bend, flags = np.moveaxis(np.abs(np.diff(u, 2, axis=axis)), axis, 0), np.moveaxis(found, axis, 0)
