@@ -68,7 +68,8 @@ def sample(values: npt.NDArray[S], size: Size) -> npt.NDArray[S]:
         ((np.arange(target) + 0.5) * source / target).astype(np.intp)
         for source, target in zip(values.shape, size, strict=True)
     )
-    sampled: npt.NDArray[S] = values.take(columns, axis=1).take(rows, axis=0)
+    # Whole rows first, and no test of each place: half of the time.
+    sampled: npt.NDArray[S] = values.take(rows, axis=0).take(columns, axis=1, mode="clip")
     return sampled
 
 
