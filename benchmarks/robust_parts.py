@@ -26,7 +26,7 @@ PARTS: Mapping[str, Mapping[str, Any]] = {
     "R1 confidence of the paper": {"ldr": {"method": "smoothness", "min_confidence": 0.5}},
     "R2 no occlusion filled": {"ldr": {"occlusion_stretch": 0.0, "occlusion_slack": 0.0}},
     "R3 no prior": {"gdr": {"prior_weight": 0.0, "fill_weight": 0.0}},
-    "R4 no edge weights": {"gdr": {"edge_falloff": 0.0}},
+    "R4 no edge weights": {"gdr": {"edge_level": None}},
     "R5 hidden pixels count": {"gdr": {"observed_only": False}},
     "R5 no averaging": {"gdr": {"averaging_px": 0.0}},
     "R6 the base is not reused": {"gdr": {"reuse_margin": None}},

@@ -214,7 +214,7 @@ public:
         return out;
     }
 
-    Output<float> edge_weights(const std::vector<Plane>& channels, float falloff, float power, float floor) {
+    Output<float> edge_weights(const std::vector<Plane>& channels, float level, float power, float floor) {
         if (channels.empty() || channels.size() > 3) throw nb::value_error("channels: expected 1 to 3");
         stereomend::Channels given{size_of(channels[0]), static_cast<int>(channels.size()), {}};
         for (size_t k = 0; k < channels.size(); ++k) {
@@ -223,7 +223,7 @@ public:
         }
         Output<float> out = new_plane<float>(channels[0].shape(0), channels[0].shape(1));
         nb::gil_scoped_release unlocked;
-        engine_.edge_weights(given, {falloff, power, floor}, out.data());
+        engine_.edge_weights(given, {level, power, floor}, out.data());
         return out;
     }
 
@@ -375,7 +375,7 @@ NB_MODULE(_native, m) {
              "valid"_a.noconvert(), "matte"_a.noconvert(), "params"_a, "rule"_a, "c at every pixel.")
         .def("speckles", &PyEngine::speckles, "u"_a.noconvert(), "valid"_a.noconvert(), "rule"_a,
              "Which valid pixels belong to small patches.")
-        .def("edge_weights", &PyEngine::edge_weights, "channels"_a.noconvert(), "falloff"_a, "power"_a, "floor"_a,
+        .def("edge_weights", &PyEngine::edge_weights, "channels"_a.noconvert(), "level"_a, "power"_a, "floor"_a,
              "Weights of the smoothness.")
         .def("poll", &PyEngine::poll, "views"_a, "matte"_a.noconvert(), "spoilt"_a.noconvert(), "rule"_a,
              "Means over cells of what pixels vote, one plane below the other.")

@@ -199,12 +199,12 @@ void edge_row_of(const Channels& in, const EdgeParams& params, int y, float* out
         below[k] = y + 1 < in.size.height ? here[k] + width : here[k];
     }
     const float half = 0.5f * params.power;
-    const float fall = -kLog2E * params.falloff;
+    const float scale = 1.0f / (params.level * params.level);
     const float floor = params.floor;
     const auto weigh = [&](int x, int next) {
-        const float square = steepest<Count>(here, below, x, next) * (1.0f / (255.0f * 255.0f));
+        const float square = steepest<Count>(here, below, x, next) * scale;
         const float gradient = fast_exp2(half * fast_log2(larger(square, kLeast)));
-        out[x] = larger(fast_exp2(fall * gradient), square > kLeast ? floor : 1.0f);
+        out[x] = larger(fast_exp2(-kLog2E * gradient), square > kLeast ? floor : 1.0f);
     };
 #pragma GCC ivdep
     for (int x = 0; x < width - 1; ++x) weigh(x, x + 1);

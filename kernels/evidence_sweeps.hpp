@@ -68,9 +68,9 @@ struct ReuseRule {
 constexpr int half_of(int side) { return side / 2 + side % 2; }
 
 struct EdgeParams {
-    float falloff;  // [1]
-    float power;    // of the gradient [1]
-    float floor;    // least weight [1]
+    float level;  // gradient at which the weight is 1 / e [grey levels]
+    float power;  // of the gradient [1]
+    float floor;  // least weight [1]
 };
 
 // One to three planes of levels, 0 to 255.

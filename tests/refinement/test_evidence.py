@@ -11,9 +11,6 @@ from stereomend.refinement.backends import SpeckleRule
 from stereomend.refinement.evidence import (
     edge_weights,
     evidence_confidence,
-    mean_around,
-    ramp,
-    speckles,
 )
 from stereomend.refinement.pyramid import Sparse
 from stereomend.refinement.scene import make_scene
@@ -36,25 +33,6 @@ def phantom():
 @pytest.fixture(scope="module")
 def scene(phantom, backend):
     return make_scene(phantom.pair, phantom.pair.shape, ROBUST.ldr, backend)
-
-
-def test_a_ramp_rises_between_its_ends():
-    values = np.array([-9, 0.2, 0.3, 0.45, 0.7, 5], np.float32)
-    assert ramp(values, 0.2, 0.7) == pytest.approx([0, 0, 0.2, 0.5, 1, 1])
-    assert ramp(values, 0.2, 0.7).dtype == np.float32
-    assert ramp(np.array([0.1, 0.5, 0.6]), 0.5, 0.5).tolist() == [0, 0, 1]
-
-
-@pytest.mark.parametrize("dtype", [np.float32, np.float64])
-@pytest.mark.parametrize("side", [3, 5, 15])
-@pytest.mark.parametrize("shape", SHAPES)
-def test_means_around_a_pixel_mirror_the_borders(shape, side, dtype):
-    values = np.random.default_rng(1).uniform(-1, 1, shape).astype(dtype)
-    padded = np.pad(values.astype(float), side // 2, mode="symmetric")
-    found = mean_around(values, side)
-    assert found.dtype == dtype
-    for y, x in np.ndindex(shape):
-        assert found[y, x] == pytest.approx(padded[y : y + side, x : x + side].mean(), abs=1e-6)
 
 
 def patches(u, valid, step):
@@ -91,7 +69,8 @@ def test_speckles_are_the_small_patches_of_a_flood_fill(shape, share, step, back
 def test_one_wrong_pixel_is_a_speckle_and_a_large_patch_is_none(backend):
     u = np.full((40, 50), 7.0)
     u[10, 10], u[20:30, 20:30] = 15, 12
-    assert np.argwhere(speckles(Sparse(u, u > 0), 0.001, backend)).tolist() == [[10, 10]]
+    found = backend.speckles(u, u > 0, SpeckleRule.of(0.001, u))
+    assert np.argwhere(found).tolist() == [[10, 10]]
 
 
 def test_edge_weights_follow_the_largest_channel(backend):
@@ -99,21 +78,21 @@ def test_edge_weights_follow_the_largest_channel(backend):
     red, green, blue = np.full((3, 3, 4), 100.0)
     green[:, 2:] += 25.5
     blue[2:] += 76.5
-    params = GdrParams(edge_falloff=2.0, edge_power=0.8, edge_floor=0.03)
-    along_x, along_y = (math.exp(-2 * share**0.8) for share in (0.1, 0.3))
+    params = GdrParams(edge_level=102.0, edge_power=0.8, edge_floor=0.03)
+    along_x, along_y = (math.exp(-(share**0.8)) for share in (0.25, 0.75))
     expected = [[1, along_x, 1, 1], [along_y] * 4, [1, along_x, 1, 1]]
     assert np.allclose(edge_weights((red, green, blue), params, backend), expected)
-    both = math.exp(-2 * math.hypot(0.1, 0.3) ** 0.8)
+    both = math.exp(-(math.hypot(0.25, 0.75) ** 0.8))
     assert edge_weights((green + blue,), params, backend)[1, 1] == pytest.approx(both)
 
 
 def test_edge_weights_stay_above_their_floor_and_have_the_backend_s_type(backend):
     black_and_white = backend.plane(np.array([[0, 255, 0, 0]]))
-    weight = edge_weights((black_and_white,), GdrParams(edge_falloff=10, edge_floor=0.03), backend)
+    weight = edge_weights((black_and_white,), GdrParams(edge_level=10, edge_floor=0.03), backend)
     assert weight.dtype == black_and_white.dtype
     assert weight.shape == (1, 4)
     assert weight[0] == pytest.approx([0.03, 0.03, 1, 1])
-    assert edge_weights((black_and_white,), GdrParams(edge_falloff=0), backend) is None
+    assert edge_weights((black_and_white,), GdrParams(edge_level=None), backend) is None
 
 
 @pytest.mark.parametrize("shape", SHAPES)

@@ -90,7 +90,7 @@ def test_a_jump_stays_where_the_colours_change():
     smeared = cv2.blur(depth.astype(np.float32), (13, 1))
     robust = parse_params({"preset": "robust"}).gdr
     wrong = []
-    for params in (robust, robust.model_copy(update={"edge_falloff": 0.0})):
+    for params in (robust, robust.model_copy(update={"edge_level": None})):
         found = refine_globally(with_edges(scene, params, NATIVE), Prior(smeared), params, NATIVE)
         wrong.append(np.mean(np.abs(found - depth)[:, 40:56] > 1))
     assert wrong[0] < 0.7 * wrong[1]

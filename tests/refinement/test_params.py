@@ -34,7 +34,7 @@ def test_robust_chooses_between_maps_and_works_at_three_quarters_of_the_size():
     assert (params.ldr.method, params.ldr.specular) == ("evidence", "glint")
     assert params.gdr.observed_only
     assert params.gdr.averaging_px > 0
-    assert params.gdr.edge_falloff > 0
+    assert params.gdr.edge_level > 0
 
 
 @pytest.mark.parametrize("preset", ["paper", "released"])
@@ -44,7 +44,7 @@ def test_the_published_presets_do_nothing_that_was_not_published(preset):
     assert not params.fusion.enabled
     assert params.ldr.method == "smoothness"
     gdr = params.gdr
-    assert (gdr.averaging_px, gdr.edge_falloff, gdr.prior_weight, gdr.fill_weight) == (0, 0, 0, 0)
+    assert (gdr.averaging_px, gdr.edge_level, gdr.prior_weight, gdr.fill_weight) == (0, None, 0, 0)
     assert (gdr.observed_only, gdr.reuse_margin, gdr.coarse_warps, gdr.coarse_iterations) == (
         False,
         None,

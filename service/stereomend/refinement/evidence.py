@@ -24,4 +24,4 @@ def edge_weights(channels: Sequence[Plane], params: GdrParams, backend: Backend)
 
     The largest channel counts: at the border of an instrument, brightness alone may hardly change.
     """
-    return None if params.edge_falloff == 0 else backend.edge_weights(channels, params)
+    return None if params.edge_level is None else backend.edge_weights(channels, params)

@@ -131,13 +131,13 @@ class GdrParams(StageParams):
     observed_only: bool = Field(
         False, description="no data term where the right image does not show the pixel (R5)"
     )
-    edge_falloff: float = Field(
-        0.0,
-        ge=0,
-        le=100,
-        description="how fast the smoothness weighs less at colour edges [1]; 0: it does not (R4)",
+    edge_level: float | None = Field(
+        None,
+        gt=0,
+        le=1000,
+        description="colour difference where the smoothness weighs 1/e; none: 1 everywhere [grey levels] (R4)",
     )
-    edge_power: float = Field(0.8, gt=0, le=4, description="exponent of the colour difference [1] (R4)")
+    edge_power: float = Field(1.0, gt=0, le=4, description="exponent of the colour difference [1] (R4)")
     edge_floor: float = Field(0.03, gt=0, le=1, description="least weight of the smoothness [1] (R4)")
     prior_weight: float = Field(
         0.0, ge=0, le=100, description="weight of |u - prior| where confidence is 1 [1] (R3)"

@@ -208,10 +208,10 @@ def test_a_step_counts_as_it_is_and_not_rounded(backend):
 def test_edge_weights_match_the_reference(size, count):
     rng = np.random.default_rng(8)
     channels = list(rng.uniform(0, 255, (count, *size)).astype(np.float32))
-    for falloff, power in ((10, 0.8), (2, 2.0), (0.5, 0.1), (100, 4)):
+    for level, power in ((14, 0.8), (180, 2.0), (700, 0.1), (80, 4)):
         for contrast in (1, 0.05, 1e-4):
             planes = [channel * np.float32(contrast) for channel in channels]
-            params = GdrParams(edge_falloff=falloff, edge_power=power, edge_floor=0.001)
+            params = GdrParams(edge_level=level, edge_power=power, edge_floor=0.001)
             found, expected = (backend.edge_weights(planes, params) for backend in (NATIVE, REFERENCE))
             assert np.allclose(found, expected, rtol=1e-5, atol=0)
 

@@ -129,7 +129,9 @@ class NativeBackend:
     def edge_weights(self, channels: Sequence[Plane], params: GdrParams) -> Plane:
         """See `Backend.edge_weights`."""
         planes = [self.plane(channel) for channel in channels]
-        return self._engine.edge_weights(planes, params.edge_falloff, params.edge_power, params.edge_floor)
+        return self._engine.edge_weights(
+            planes, params.edge_level or np.inf, params.edge_power, params.edge_floor
+        )
 
     def fill_occlusions(self, u: Plane, known: Mask, rule: OcclusionRule) -> tuple[Plane, Mask]:
         """See `Backend.fill_occlusions`."""

@@ -161,8 +161,8 @@ class ReferenceBackend:
 
     def edge_weights(self, channels: Sequence[Plane], params: GdrParams) -> Plane:
         """See `Backend.edge_weights`."""
-        steepest = np.max([np.hypot(*gradient(self.plane(channel))) for channel in channels], axis=0) / 255
-        weight: Array = np.exp(-params.edge_falloff * steepest**params.edge_power)
+        steepest = np.max([np.hypot(*gradient(self.plane(channel))) for channel in channels], axis=0)
+        weight: Array = np.exp(-((steepest / (params.edge_level or np.inf)) ** params.edge_power))
         return np.maximum(weight, params.edge_floor)
 
     def fill_occlusions(self, u: Plane, known: Mask, rule: OcclusionRule) -> tuple[Plane, Mask]:
