@@ -135,7 +135,7 @@ class GdrParams(StageParams):
         None,
         gt=0,
         le=1000,
-        description="colour difference where the smoothness weighs 1/e; none: 1 everywhere [grey levels] (R4)",
+        description="colour difference where smoothness weighs 1/e; none: 1 everywhere [grey levels] (R4)",
     )
     edge_power: float = Field(1.0, gt=0, le=4, description="exponent of the colour difference [1] (R4)")
     edge_floor: float = Field(0.03, gt=0, le=1, description="least weight of the smoothness [1] (R4)")
