@@ -13,6 +13,7 @@ struct Candidate {
     const Sweeps* gdr;
     const LdrSweeps* ldr;
     const EvidenceSweeps* evidence;
+    const ResizeSweeps* resize;
     bool (*supported)();
 };
 
@@ -24,12 +25,14 @@ bool has_v3() {
 
 bool has_v2() { return __builtin_cpu_supports("sse4.2") && __builtin_cpu_supports("popcnt"); }
 
-const Candidate kCandidates[] = {{"x86-64-v3", &sweeps_v3, &ldr_sweeps_v3, &evidence_sweeps_v3, has_v3},
-                                  {"x86-64-v2", &sweeps_v2, &ldr_sweeps_v2, &evidence_sweeps_v2, has_v2}};
+const Candidate kCandidates[] = {
+    {"x86-64-v3", &sweeps_v3, &ldr_sweeps_v3, &evidence_sweeps_v3, &resize_sweeps_v3, has_v3},
+    {"x86-64-v2", &sweeps_v2, &ldr_sweeps_v2, &evidence_sweeps_v2, &resize_sweeps_v2, has_v2}};
 #else
 bool always() { return true; }
 
-const Candidate kCandidates[] = {{"generic", &sweeps_generic, &ldr_sweeps_generic, &evidence_sweeps_generic, always}};
+const Candidate kCandidates[] = {{"generic", &sweeps_generic, &ldr_sweeps_generic, &evidence_sweeps_generic,
+                                  &resize_sweeps_generic, always}};
 #endif
 
 const Candidate& choose(const std::string& name) {
@@ -99,7 +102,8 @@ Engine::Engine(int threads, const std::string& instruction_set)
     : sweeps_(*choose(instruction_set).gdr),
       team_(threads),
       ldr_{team_, ldr_buffers_, *choose(instruction_set).ldr},
-      evidence_{team_, evidence_buffers_, *choose(instruction_set).evidence, ldr_.sweeps} {}
+      evidence_{team_, evidence_buffers_, *choose(instruction_set).evidence, ldr_.sweeps},
+      resize_{team_, resize_buffers_, *choose(instruction_set).resize} {}
 
 // Room for so many rows of the right image, and for the descriptors of each member.
 void Engine::reserve(int width, size_t rows) {
@@ -299,6 +303,16 @@ void Engine::halve(Size from, const std::vector<const float*>& planes, const std
 void Engine::halve_weighed(Size from, const Weighed& map) {
     const std::lock_guard<std::mutex> lock(mutex_);
     stereomend::halve_weighed(from, map, evidence_);
+}
+
+void Engine::shrink(const Samples& from, Size to, const Shrunk& out) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    stereomend::shrink(from, to, out, resize_);
+}
+
+void Engine::merge(const Choice& choice, float* out) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    stereomend::merge(choice, out, resize_);
 }
 
 }  // namespace stereomend

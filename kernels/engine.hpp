@@ -9,6 +9,7 @@
 
 #include "evidence.hpp"
 #include "ldr.hpp"
+#include "resize.hpp"
 #include "sweeps.hpp"
 #include "team.hpp"
 
@@ -70,6 +71,10 @@ public:
     void halve(Size from, const std::vector<const float*>& planes, const std::vector<float*>& out);
     void halve_weighed(Size from, const Weighed& map);
 
+    // See resize.hpp.
+    void shrink(const Samples& from, Size to, const Shrunk& out);
+    void merge(const Choice& choice, float* out);
+
 private:
     struct alignas(64) Progress {
         std::atomic<int> rows{0};
@@ -97,6 +102,8 @@ private:
     Crew ldr_;
     EvidenceBuffers evidence_buffers_;
     EvidenceCrew evidence_;
+    ResizeBuffers resize_buffers_;
+    ResizeCrew resize_;
     State state_{};
 };
 

@@ -6,9 +6,11 @@ import os
 
 from stereomend.errors import BackendUnavailable
 from stereomend.refinement.backends.base import (
+    HALF,
     Backend,
     Guide,
     OcclusionRule,
+    Offer,
     Plane,
     Reading,
     ReuseRule,
@@ -20,9 +22,11 @@ from stereomend.refinement.backends.reference import ReferenceBackend
 
 __all__ = [
     "BACKENDS",
+    "HALF",
     "Backend",
     "Guide",
     "OcclusionRule",
+    "Offer",
     "Plane",
     "Reading",
     "ReuseRule",

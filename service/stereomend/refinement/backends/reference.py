@@ -12,13 +12,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from stereomend.disparity import Mask
+from stereomend.disparity import Image, Mask
 from stereomend.refinement.backends import reference_evidence as parts
 from stereomend.refinement.backends.base import (
+    HALF,
     SMALLEST,
     UNGUIDED,
     Guide,
     OcclusionRule,
+    Offer,
     Plane,
     Reading,
     ReuseRule,
@@ -42,6 +44,8 @@ MIN_NORM = 1e-3
 """Descriptors of less contrast [grey levels] are 0: below, float32 and float64 part ways."""
 MIN_GREY = 1.0
 """Floor of I_s in Eq. 2 [grey levels]."""
+GREY_WEIGHTS = (0.299, 0.587, 0.114)
+"""BT.601 luma of R, G, B."""
 HARDLY = 1e-6
 """A weight so small that it counts only where there is no other."""
 
@@ -59,9 +63,25 @@ class ReferenceBackend:
         """See `Backend.plane`."""
         return np.array(array, np.float64)
 
-    def shrink(self, image: Plane, size: Size) -> Plane:
+    def shrink(self, image: Plane | Mask, size: Size) -> Plane:
         """See `Backend.shrink`."""
-        return _apply(area_weights, image, size)
+        return _apply(area_weights, self.plane(image), size)
+
+    def shades(self, image: Image, size: Size) -> tuple[list[Plane], Plane]:
+        """See `Backend.shades`."""
+        levels = self._levels(image)
+        if levels.ndim == 2:
+            return [grey := self.shrink(levels, size)], grey
+        channels = [self.shrink(levels[..., i], size) for i in range(3)]
+        return channels, np.stack(channels, axis=-1) @ GREY_WEIGHTS
+
+    def grey(self, image: Image, size: Size) -> Plane:
+        """See `Backend.grey`."""
+        levels = self._levels(image)
+        return self.shrink(levels if levels.ndim == 2 else levels @ GREY_WEIGHTS, size)
+
+    def _levels(self, image: Image) -> Array:
+        return self.plane(image) / (257 if image.dtype == np.uint16 else 1)
 
     def enlarge(self, image: Plane, size: Size) -> Plane:
         """See `Backend.enlarge`."""
@@ -172,6 +192,23 @@ class ReferenceBackend:
     def reach(self, seeds: Mask, passing: Mask, soft: Mask, u: Plane, step: float) -> Mask:
         """See `Backend.reach`."""
         return walk_all_ways(Land(seeds, passing, soft, self.plane(u)), step)
+
+    def merge(self, offer: Offer, upload: Plane, valid: Mask, near: float) -> Plane:
+        """See `Backend.merge`."""
+        size = (upload.shape[0], upload.shape[1])
+        ratio = size[1] / offer.u.shape[1]
+        u, share = self.enlarge(offer.u, size) * ratio, self.enlarge(offer.share, size)
+        sampled = Offer(*(parts.sample(self.plane(plane), size) for plane in offer))
+        judged = np.where(sampled.share > HALF, sampled.sample * ratio, u)
+        least, most = (
+            parts.sample(bound, size) * ratio
+            for bound in parts.range_3x3(self.plane(offer.sample), offer.share > HALF)
+        )
+        chosen = np.where((upload >= least - 1) & (upload <= most + 1), upload, judged)
+        hard = np.where(share > HALF, chosen, u)
+        blended = share * upload + (1 - share) * u
+        merged = np.where(valid, np.where(np.abs(upload - u) < near, blended, hard), u)
+        return np.maximum(merged, 0)
 
     def mismatch(self, left: Plane, readings: Sequence[Reading]) -> list[tuple[float, int]]:
         """See `Backend.mismatch`."""

@@ -31,6 +31,26 @@ def _windows(values: Array, mode: Any) -> Array:
     return np.lib.stride_tricks.sliding_window_view(padded, (_SIDE, _SIDE))
 
 
+def range_3x3(values: Array, chosen: Mask) -> tuple[Array, Array]:
+    """Least and most of the chosen values in the 3 x 3 around each pixel; infinite and minus it for none."""
+    bounds = []
+    for reduced, beyond in ((np.min, np.inf), (np.max, -np.inf)):
+        padded = np.pad(np.where(chosen, values, beyond), 1, constant_values=beyond)
+        windows = np.lib.stride_tricks.sliding_window_view(padded, (3, 3))
+        bounds.append(np.asarray(reduced(windows, axis=(2, 3)), np.float64))
+    return bounds[0], bounds[1]
+
+
+def sample(values: Array, size: tuple[int, int]) -> Array:
+    """For each pixel of `size` (height, width) the value of the pixel that its centre falls on."""
+    rows, columns = (
+        ((np.arange(target) + 0.5) * source / target).astype(np.intp)
+        for source, target in zip(values.shape, size, strict=True)
+    )
+    sampled: Array = values[np.ix_(rows, columns)]
+    return sampled
+
+
 def patches(u: Array, valid: Mask, step: float) -> npt.NDArray[np.intp]:
     """A number for each patch, (H, W): of its first pixel; what is not valid is a patch of its own.
 
