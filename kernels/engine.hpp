@@ -82,8 +82,7 @@ private:
 
     void reserve(int width, size_t rows);
     Level padded(const Level& level);
-    bool* seen() { return reinterpret_cast<bool*>(seen_.data()); }
-    long see(int width, const Reading& reading, int y);
+    long see(int width, const Reading& reading, Rows rows, bool* seen, long* counts);
     void prepare(const Level& level, float* u);
     void sweep(const Level& level, const SolverParams& params, int member);
     void wave(const Level& level, const SolverParams& params, const Laps& laps, int member);
@@ -95,7 +94,7 @@ private:
     std::vector<float> right_;    // the right image with its rows' ends repeated
     std::vector<float> scratch_;  // of each member
     std::vector<Progress> progress_;
-    std::vector<uint8_t> seen_;   // bools, (height, width)
+    std::vector<uint8_t> seen_;   // bools of some rows, of each member
     std::vector<double> sums_;    // of each row of each reading
     std::vector<long> counts_;
     LdrBuffers ldr_buffers_;
