@@ -10,19 +10,24 @@
 #include <algorithm>
 #include <optional>
 
-#include "ceilings.hpp"
+#include "bindings.hpp"
 #include "engine.hpp"
-#include "png_chunks.hpp"
-#include "png_rows.hpp"
 
 namespace nb = nanobind;
 using namespace nb::literals;
-using stereomend::half_of;
+using stereomend::check_same_shape;
+using stereomend::check_threads;
 using stereomend::ChoiceRule;
 using stereomend::ConfidenceInput;
 using stereomend::ConfidenceParams;
+using stereomend::Flags;
+using stereomend::half_of;
+using stereomend::kMaxSide;
 using stereomend::Level;
 using stereomend::PollRule;
+using stereomend::new_plane;
+using stereomend::Output;
+using stereomend::Plane;
 using stereomend::Size;
 using stereomend::SolverParams;
 using stereomend::SpeckleRule;
@@ -30,38 +35,9 @@ using stereomend::TrustParams;
 
 namespace {
 
-using Plane = nb::ndarray<const float, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
-using Flags = nb::ndarray<const bool, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
-using Bytes = nb::ndarray<const uint8_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
-template <class T>
-using Output = nb::ndarray<nb::numpy, T, nb::ndim<2>>;
-
-constexpr size_t kMaxSide = 1 << 20;
-
-template <class Array, class... Others>
-void check_same_shape(const Array& first, const Others&... others) {
-    if (first.shape(0) == 0 || first.shape(1) == 0 || first.shape(0) > kMaxSide || first.shape(1) > kMaxSide)
-        throw nb::value_error("a plane has no pixel, or a side over 1048576 px");
-    if (!((others.shape(0) == first.shape(0) && others.shape(1) == first.shape(1)) && ...))
-        throw nb::value_error("planes differ in shape");
-}
-
-int check_threads(int threads) {
-    if (threads < 1 || threads > 1024) throw nb::value_error("threads: expected 1 to 1024");
-    return threads;
-}
-
 void check_window(int window) {
     if (window < 1 || window > static_cast<int>(kMaxSide) || window % 2 == 0)
         throw nb::value_error("window: expected an odd number of 1 to 1048575 px");
-}
-
-// A new array that owns its memory, not yet written.
-template <class T>
-Output<T> new_plane(size_t height, size_t width) {
-    T* data = new T[height * width];
-    nb::capsule owner(data, [](void* p) noexcept { delete[] static_cast<T*>(p); });
-    return Output<T>(data, {height, width}, owner);
 }
 
 // Two maps: (upload, valid, u, evidence for the upload, for u, upload shown, u shown).
@@ -82,6 +58,21 @@ Output<T> copy_of(const Source& source) {
     Output<T> copy = new_plane<T>(source.shape(0), source.shape(1));
     std::copy(source.data(), source.data() + source.size(), copy.data());
     return copy;
+}
+
+// Samples of (height, width) or (height, width, 3): bool or uint8, uint16, or float32 planes.
+using Image = nb::ndarray<nb::ro, nb::c_contig, nb::device::cpu>;
+
+stereomend::Samples samples_of(const Image& image, bool grey) {
+    const nb::dlpack::dtype type = image.dtype();
+    const int bytes = type == nb::dtype<float>() ? 4 : type == nb::dtype<uint16_t>() ? 2 : 1;
+    if (bytes == 1 && type != nb::dtype<uint8_t>() && type != nb::dtype<bool>())
+        throw nb::type_error("samples: expected bool, uint8, uint16 or float32");
+    const bool colour = image.ndim() == 3 && image.shape(2) == 3 && bytes < 4;
+    if (image.ndim() != 2 && !colour) throw nb::value_error("samples: expected (height, width), or an image of 3 channels");
+    check_same_shape(image);
+    const Size size{static_cast<int>(image.shape(1)), static_cast<int>(image.shape(0))};
+    return {size, image.data(), bytes, colour ? 3 : 1, grey};
 }
 
 // Planes of one shape, and a new one for each.
@@ -172,6 +163,38 @@ public:
         nb::gil_scoped_release unlocked;
         engine_.halve_weighed(from, {u.data(), weight.data(), out.data(), out_weight.data()});
         return {out, out_weight};
+    }
+
+    // One plane, or R, G, B and their grey level.
+    std::vector<Output<float>> shrink(const Image& image, size_t height, size_t width, bool grey) {
+        const stereomend::Samples samples = samples_of(image, grey);
+        if (height < 1 || width < 1 || height > image.shape(0) || width > image.shape(1))
+            throw nb::value_error("size: expected sides of 1 px to those of the samples");
+        std::vector<Output<float>> planes;
+        stereomend::Shrunk out{};
+        for (int k = 0; k < values_of(samples); ++k) {
+            planes.push_back(new_plane<float>(height, width));
+            out.plane[k] = planes.back().data();
+        }
+        nb::gil_scoped_release unlocked;
+        engine_.shrink(samples, {static_cast<int>(width), static_cast<int>(height)}, out);
+        return planes;
+    }
+
+    Output<float> merge(const Plane& u, const Plane& share, const Plane& sample, const Plane& upload,
+                        const Flags& valid, float near, float half) {
+        check_same_shape(u, share, sample);
+        check_same_shape(upload, valid);
+        if (u.shape(0) > upload.shape(0) || u.shape(1) > upload.shape(1))
+            throw nb::value_error("upload: expected no smaller sides than those of the working size");
+        const Size from = size_of(u);
+        const Size to = size_of(upload);
+        const float ratio = static_cast<float>(static_cast<double>(to.width) / from.width);
+        Output<float> out = new_plane<float>(to.height, to.width);
+        nb::gil_scoped_release unlocked;
+        engine_.merge({from, u.data(), share.data(), sample.data(), to, upload.data(), valid.data(), ratio, near, half},
+                      out.data());
+        return out;
     }
 
     Output<float> trust(const Plane& left, const Plane& right, const Plane& u, const Flags& valid, const Flags& matte,
@@ -285,44 +308,6 @@ private:
     stereomend::Engine engine_;
 };
 
-// The samples (height, stride) of filtered rows; see png_rows.hpp.
-Output<uint8_t> unfilter(const Bytes& filtered, size_t height, size_t stride, size_t bytes_per_pixel) {
-    constexpr size_t kBytesPerPixel[] = {1, 2, 3, 4, 6, 8};
-    const size_t* end = std::end(kBytesPerPixel);
-    if (std::find(std::begin(kBytesPerPixel), end, bytes_per_pixel) == end || stride % bytes_per_pixel != 0)
-        throw nb::value_error("bytes_per_pixel: expected 1, 2, 3, 4, 6 or 8, and rows of whole pixels");
-    if (height < 1 || height > kMaxSide || stride < 1 || stride > kMaxSide * bytes_per_pixel)
-        throw nb::value_error("a picture has no pixel, or a side over 1048576 px");
-    if (filtered.size() != height * (1 + stride))
-        throw nb::value_error("filtered: expected height rows of 1 + stride bytes");
-    Output<uint8_t> out = new_plane<uint8_t>(height, stride);
-    nb::gil_scoped_release unlocked;
-    if (!stereomend::unfilter({height, stride, bytes_per_pixel}, filtered.data(), out.data()))
-        throw std::invalid_argument("filtered: a row has a filter that PNG does not define");
-    return out;
-}
-
-// (name, begin, size) of each chunk, and what is wrong: a value of PngFault; see png_chunks.hpp.
-std::pair<std::vector<std::tuple<uint32_t, size_t, size_t>>, int> find_chunks(const Bytes& file, size_t at,
-                                                                              size_t most) {
-    if (at > file.size()) throw nb::value_error("at: expected a place in the file");
-    std::vector<stereomend::PngChunk> chunks;
-    stereomend::PngFault fault;
-    {
-        nb::gil_scoped_release unlocked;
-        fault = stereomend::find_chunks(file.data(), file.size(), at, most, chunks);
-    }
-    std::vector<std::tuple<uint32_t, size_t, size_t>> found;
-    for (const auto& chunk : chunks) found.emplace_back(chunk.name, chunk.begin, chunk.size);
-    return {found, static_cast<int>(fault)};
-}
-
-double measure(double (*rate)(int), int threads) {
-    check_threads(threads);
-    nb::gil_scoped_release unlocked;
-    return rate(threads);
-}
-
 }  // namespace
 
 NB_MODULE(_native, m) {
@@ -331,15 +316,7 @@ NB_MODULE(_native, m) {
     m.doc() = "LDR and GDR on the CPU. Planes are C-contiguous, (height, width), float32 or bool.";
     m.attr("KERNEL_HASH") = KERNEL_HASH;
     m.def("instruction_sets", &stereomend::instruction_sets, "What this machine can run, best first.");
-    m.def("triad", [](int threads) { return measure(stereomend::triad, threads); }, "threads"_a,
-          "Memory traffic of a = b + s * c [GB/s].");
-    m.def("multiply_add", [](int threads) { return measure(stereomend::multiply_add, threads); }, "threads"_a,
-          "float32 multiply-adds of all threads together [GFlop/s].");
-    m.def("find_chunks", &find_chunks, "file"_a.noconvert(), "at"_a, "most"_a,
-          "(name, begin, size) of a PNG's chunks from byte at, and 0, or 1: cut off, 2: the last has a wrong checksum, "
-          "3: more than most.");
-    m.def("unfilter", &unfilter, "filtered"_a.noconvert(), "height"_a, "stride"_a, "bytes_per_pixel"_a,
-          "The bytes of a PNG's samples, (height, stride), from height rows of 1 + stride filtered ones.");
+    stereomend::bind_files(m);
     nb::class_<SolverParams>(m, "SolverParams", "data_weight, huber_epsilon, tau, sigma, warps, iterations, absolute, observed_only, averaging.")
         .def(nb::init<float, float, float, float, int, int, bool, bool, float>(), nb::kw_only(), "data_weight"_a,
              "huber_epsilon"_a, "tau"_a, "sigma"_a, "warps"_a, "iterations"_a, "absolute"_a,
@@ -371,6 +348,11 @@ NB_MODULE(_native, m) {
         .def("halve", &PyEngine::halve, "planes"_a.noconvert(), "The planes at half of their size, rounded up.")
         .def("halve_weighed", &PyEngine::halve_weighed, "u"_a.noconvert(), "weight"_a.noconvert(),
              "Disparities at half of their size, averaged with the weight, and the weight.")
+        .def("shrink", &PyEngine::shrink, "samples"_a.noconvert(), "height"_a, "width"_a, "grey"_a = false,
+             "The area means of a plane, or of R, G, B and the grey level of these; with grey, of the grey level.")
+        .def("merge", &PyEngine::merge, "u"_a.noconvert(), "share"_a.noconvert(), "sample"_a.noconvert(),
+             "upload"_a.noconvert(), "valid"_a.noconvert(), "near"_a, "half"_a,
+             "A map and the upload put together at the upload's size.")
         .def("trust", &PyEngine::trust, "left"_a.noconvert(), "right"_a.noconvert(), "u"_a.noconvert(),
              "valid"_a.noconvert(), "matte"_a.noconvert(), "params"_a, "rule"_a, "c at every pixel.")
         .def("speckles", &PyEngine::speckles, "u"_a.noconvert(), "valid"_a.noconvert(), "rule"_a,

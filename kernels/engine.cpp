@@ -14,6 +14,7 @@ struct Candidate {
     const LdrSweeps* ldr;
     const EvidenceSweeps* evidence;
     const FusionSweeps* fusion;
+    const ResizeSweeps* resize;
     bool (*supported)();
 };
 
@@ -26,13 +27,13 @@ bool has_v3() {
 bool has_v2() { return __builtin_cpu_supports("sse4.2") && __builtin_cpu_supports("popcnt"); }
 
 const Candidate kCandidates[] = {
-    {"x86-64-v3", &sweeps_v3, &ldr_sweeps_v3, &evidence_sweeps_v3, &fusion_sweeps_v3, has_v3},
-    {"x86-64-v2", &sweeps_v2, &ldr_sweeps_v2, &evidence_sweeps_v2, &fusion_sweeps_v2, has_v2}};
+    {"x86-64-v3", &sweeps_v3, &ldr_sweeps_v3, &evidence_sweeps_v3, &fusion_sweeps_v3, &resize_sweeps_v3, has_v3},
+    {"x86-64-v2", &sweeps_v2, &ldr_sweeps_v2, &evidence_sweeps_v2, &fusion_sweeps_v2, &resize_sweeps_v2, has_v2}};
 #else
 bool always() { return true; }
 
 const Candidate kCandidates[] = {{"generic", &sweeps_generic, &ldr_sweeps_generic, &evidence_sweeps_generic,
-                                  &fusion_sweeps_generic, always}};
+                                  &fusion_sweeps_generic, &resize_sweeps_generic, always}};
 #endif
 
 const Candidate& best(const std::string& name) {
@@ -73,6 +74,16 @@ Window window_of(float deviation) {
     return window;
 }
 
+// Rows that are taken at a time where members take them as they come.
+constexpr int kPiece = 8;
+
+// Readings of these rows that are compared at once.
+constexpr size_t kTogether = 6;
+
+int pieces_of(int height) { return (height + kPiece - 1) / kPiece; }
+
+Rows piece_of(int height, int piece) { return {piece * kPiece, std::min((piece + 1) * kPiece, height)}; }
+
 Laps plan_laps(const Level& level, const SolverParams& params, int crew) {
     const int length = lap_length(level, params, crew);
     return {length, (params.iterations + length - 1) / length, crew};
@@ -103,7 +114,8 @@ Engine::Engine(int threads, const std::string& instruction_set)
       team_(threads),
       ldr_{team_, ldr_buffers_, *best(instruction_set).ldr},
       evidence_{team_, evidence_buffers_, *best(instruction_set).evidence, ldr_.sweeps},
-      fusion_{evidence_, *best(instruction_set).fusion} {}
+      fusion_{evidence_, *best(instruction_set).fusion},
+      resize_{team_, resize_buffers_, *best(instruction_set).resize} {}
 
 // Room for so many rows of the right image, and for the descriptors of each member.
 void Engine::reserve(int width, size_t rows) {
@@ -194,28 +206,31 @@ void Engine::wave(const Level& level, const SolverParams& params, const Laps& la
     }
 }
 
-// All readings in one job, for to wake the team takes as long as a small one.
+// Rows are taken by whoever is free, for one core may be busy with something else; the left image is described once for
+// a few readings.
 std::vector<Mismatch> Engine::mismatch(Size size, const float* left, const std::vector<Reading>& readings) {
     const std::lock_guard<std::mutex> lock(mutex_);
     const size_t height = size.height;
-    // Each member pads its own rows and the two beside them.
-    reserve(size.width, height + 2 * team_.size());
-    seen_.resize(std::max(seen_.size(), height * size.width));
+    const size_t floats = distance_floats(size.width, kPiece);
+    scratch_.resize(std::max(scratch_.size(), floats * team_.size()));
+    seen_.resize(std::max(seen_.size(), static_cast<size_t>(kPiece) * size.width * team_.size()));
     sums_.assign(height * readings.size(), 0.0);
     counts_.assign(height * readings.size(), 0);
-    const auto body = [&](int member) {
-        const Rows rows = band(size.height, member, team_.size());
-        const Rows wider{std::max(rows.begin - 1, 0), std::min(rows.end + 1, size.height)};
-        float* right = right_.data() + (2 * member + 1) * (size.width + 2);
-        const Level level{size.width, size.height, left, right, nullptr};
-        float* own = scratch_.data() + scratch_floats(size.width) * member;
-        for (size_t k = 0; k < readings.size(); ++k) {
-            pad(readings[k].right, size.width, wider, right);
-            for (int y = rows.begin; y < rows.end; ++y) counts_[k * height + y] = see(size.width, readings[k], y);
-            sweeps_.distance(level, readings[k].u, seen(), rows, own, sums_.data() + k * height);
+    const int groups = static_cast<int>((readings.size() + kTogether - 1) / kTogether);
+    team_.share(groups * pieces_of(size.height), [&](int member, int piece) {
+        const Rows rows = piece_of(size.height, piece / groups);
+        const size_t begin = piece % groups * kTogether;
+        float* described = scratch_.data() + floats * member;
+        float* own = described + descriptors_of_rows(size.width, kPiece) + 3 * (size.width + 2);
+        bool* seen = reinterpret_cast<bool*>(seen_.data()) + static_cast<size_t>(kPiece) * size.width * member;
+        sweeps_.describe({size.width, size.height, left, nullptr, nullptr}, rows, described);
+        for (size_t k = begin; k < std::min(begin + kTogether, readings.size()); ++k) {
+            const size_t first = k * height + rows.begin;
+            if (see(size.width, readings[k], rows, seen, counts_.data() + first) == 0) continue;
+            const Level level{size.width, size.height, left, readings[k].right, nullptr};
+            sweeps_.distance(level, readings[k].u, described, seen, rows, own, sums_.data() + first);
         }
-    };
-    team_.run(std::ref(body));
+    });
     // In the order of the rows, whoever summed them.
     std::vector<Mismatch> found(readings.size(), {0.0, 0});
     for (size_t row = 0; row < sums_.size(); ++row) {
@@ -225,29 +240,27 @@ std::vector<Mismatch> Engine::mismatch(Size size, const float* left, const std::
     return found;
 }
 
-// Finds the pixels of row y that are valid and that the right image shows; returns their number.
-long Engine::see(int width, const Reading& reading, int y) {
-    const size_t o = static_cast<size_t>(y) * width;
-    bool* seen = this->seen() + o;
-    ldr_.sweeps.unobserved_row(reading.u + o, width, seen);
-    long count = 0;
-    for (int x = 0; x < width; ++x) {
-        seen[x] = reading.valid[o + x] & !seen[x];
-        count += seen[x];
+// Finds the pixels of some rows that are valid and that the right image shows; returns their number, also by row.
+long Engine::see(int width, const Reading& reading, Rows rows, bool* seen, long* counts) {
+    long total = 0;
+    for (int y = rows.begin; y < rows.end; ++y, seen += width) {
+        const size_t o = static_cast<size_t>(y) * width;
+        ldr_.sweeps.unobserved_row(reading.u + o, width, seen);
+        for (int x = 0; x < width; ++x) seen[x] = reading.valid[o + x] & !seen[x];
+        total += *counts++ = std::count(seen, seen + width, true);
     }
-    return count;
+    return total;
 }
 
 void Engine::unobserved(Size size, const float* u, bool* out) {
     const std::lock_guard<std::mutex> lock(mutex_);
-    const auto body = [&](int member) {
-        const Rows rows = band(size.height, member, team_.size());
+    team_.share(pieces_of(size.height), [&](int, int piece) {
+        const Rows rows = piece_of(size.height, piece);
         for (int y = rows.begin; y < rows.end; ++y) {
             const size_t o = static_cast<size_t>(y) * size.width;
             ldr_.sweeps.unobserved_row(u + o, size.width, out + o);
         }
-    };
-    team_.run(std::ref(body));
+    });
 }
 
 void Engine::confidence(const ConfidenceInput& input, const ConfidenceParams& params, float* out) {
@@ -313,6 +326,16 @@ void Engine::poll(const Rivals& rivals, const PollMarks& marks, const PollRule& 
 void Engine::choose(const Rivals& rivals, const Grounds& grounds, const ChoiceRule& rule, float* out) {
     const std::lock_guard<std::mutex> lock(mutex_);
     stereomend::choose(rivals, grounds, rule, out, fusion_);
+}
+
+void Engine::shrink(const Samples& from, Size to, const Shrunk& out) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    stereomend::shrink(from, to, out, resize_);
+}
+
+void Engine::merge(const Offer& offer, float* out) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    stereomend::merge(offer, out, resize_);
 }
 
 }  // namespace stereomend

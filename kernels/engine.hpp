@@ -10,6 +10,7 @@
 #include "evidence.hpp"
 #include "fusion.hpp"
 #include "ldr.hpp"
+#include "resize.hpp"
 #include "sweeps.hpp"
 #include "team.hpp"
 
@@ -75,6 +76,10 @@ public:
     void poll(const Rivals& rivals, const PollMarks& marks, const PollRule& rule, double* out);
     void choose(const Rivals& rivals, const Grounds& grounds, const ChoiceRule& rule, float* out);
 
+    // See resize.hpp.
+    void shrink(const Samples& from, Size to, const Shrunk& out);
+    void merge(const Offer& offer, float* out);
+
 private:
     struct alignas(64) Progress {
         std::atomic<int> rows{0};
@@ -82,8 +87,7 @@ private:
 
     void reserve(int width, size_t rows);
     Level padded(const Level& level);
-    bool* seen() { return reinterpret_cast<bool*>(seen_.data()); }
-    long see(int width, const Reading& reading, int y);
+    long see(int width, const Reading& reading, Rows rows, bool* seen, long* counts);
     void prepare(const Level& level, float* u);
     void sweep(const Level& level, const SolverParams& params, int member);
     void wave(const Level& level, const SolverParams& params, const Laps& laps, int member);
@@ -95,7 +99,7 @@ private:
     std::vector<float> right_;    // the right image with its rows' ends repeated
     std::vector<float> scratch_;  // of each member
     std::vector<Progress> progress_;
-    std::vector<uint8_t> seen_;   // bools, (height, width)
+    std::vector<uint8_t> seen_;   // bools of some rows, of each member
     std::vector<double> sums_;    // of each row of each reading
     std::vector<long> counts_;
     LdrBuffers ldr_buffers_;
@@ -103,6 +107,8 @@ private:
     EvidenceBuffers evidence_buffers_;
     EvidenceCrew evidence_;
     FusionCrew fusion_;
+    ResizeBuffers resize_buffers_;
+    ResizeCrew resize_;
     State state_{};
 };
 

@@ -3,6 +3,7 @@
 // This file is compiled once per instruction set. Everything but the table is local to the file: a function
 // shared by name would leave one copy, perhaps the one that older machines cannot run.
 #include "descriptors.hpp"
+#include "distances.hpp"
 #include "sweeps.hpp"
 
 namespace stereomend {
@@ -281,46 +282,8 @@ void primal(const Level& level, const State& state, const SolverParams& params, 
     }
 }
 
-// Distances of the descriptors, 0 where `seen` is false.
-void distance_row(const float* d1, const float* d2, const bool* seen, int width, float* out) {
-    const int stride = width + 2;
-#pragma GCC ivdep
-    for (int x = 0; x < width; ++x) {
-        float square = 0.0f;
-        for (int k = 0; k < kNeighbours; ++k) {
-            const float difference = d2[k * stride + x] - d1[k * stride + x];
-            square += difference * difference;
-        }
-        out[x] = sqrtf(square);
-    }
-#pragma GCC ivdep
-    for (int x = 0; x < width; ++x) out[x] = seen[x] ? out[x] : 0.0f;
-}
-
-// In four parts, so that no addition waits for the one before.
-double sum_row(const float* values, int width) {
-    double sums[4] = {};
-    int x = 0;
-    for (; x + 4 <= width; x += 4)
-        for (int k = 0; k < 4; ++k) sums[k] += static_cast<double>(values[x + k]);
-    for (; x < width; ++x) sums[0] += static_cast<double>(values[x]);
-    return (sums[0] + sums[1]) + (sums[2] + sums[3]);
-}
-
-void distance(const Level& level, const float* u, const bool* seen, Rows rows, float* scratch, double* sums) {
-    if (rows.begin >= rows.end) return;
-    Descriptors descriptors(level, u, false, scratch);
-    descriptors.start(rows.begin);
-    for (int y = rows.begin; y < rows.end; ++y) {
-        descriptors.describe(y);
-        float* row = descriptors.left;  // its first descriptor is not needed any more
-        distance_row(descriptors.left, descriptors.right, seen + static_cast<long>(y) * level.width, level.width, row);
-        sums[y] = sum_row(row, level.width);
-    }
-}
-
 }  // namespace
 
-extern const Sweeps SWEEPS = {linearise, gather, settle, prepare_edges, dual, primal, distance};
+extern const Sweeps SWEEPS = {linearise, gather, settle, prepare_edges, dual, primal, describe, distance};
 
 }  // namespace stereomend

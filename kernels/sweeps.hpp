@@ -56,6 +56,17 @@ constexpr size_t scratch_floats(int width) {
     return descriptor_floats(width) + 3 * (static_cast<size_t>(width) + 2 * kMostTaps);
 }
 
+// Floats that the descriptors of so many rows of one image take.
+constexpr size_t descriptors_of_rows(int width, int rows) {
+    return static_cast<size_t>(kNeighbours) * rows * (static_cast<size_t>(width) + 2);
+}
+
+// Floats of scratch that a member needs to compare so many rows: descriptors of the left image with three of its rows;
+// of the warped right one three rows of both parts, their places, and a row with its ends repeated; a descriptor.
+constexpr size_t distance_floats(int width, int rows) {
+    return descriptors_of_rows(width, rows + 1) + (3 + 8) * (static_cast<size_t>(width) + 2);
+}
+
 // Row loops.
 struct Sweeps {
     // Warps the right image by u [in], describes both, writes a and b [out].
@@ -72,9 +83,13 @@ struct Sweeps {
     // Primal step of row y: reads p_y of row y - 1 and p of row y as this iteration left them; updates u of row y
     // [in/out] and writes its u_bar [out].
     void (*primal)(const Level&, const State&, const SolverParams&, int y);
-    // Writes for each of the rows the sum of the Euclidean distances of the signed descriptors, each 0 to 2, over the
-    // pixels that are `seen` (height, width) [out, (height)].
-    void (*distance)(const Level&, const float* u, const bool* seen, Rows, float* scratch, double* sums);
+    // Writes the signed descriptors of some rows of the left image [out, (rows, 8, width + 2), and room for 3 rows].
+    void (*describe)(const Level&, Rows, float* out);
+    // Writes for each of these rows the sum of the Euclidean distances, each 0 to 2, to the descriptors of the right
+    // image, here (height, width), warped by u (height, width), over the pixels that are `seen` (rows, width) [out, one
+    // for each of the rows].
+    void (*distance)(const Level&, const float* u, const float* described, const bool* seen, Rows, float* scratch,
+                     double* sums);
 };
 
 extern const Sweeps sweeps_v2;

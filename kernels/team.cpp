@@ -42,16 +42,36 @@ void Team::spread() {
     }
 }
 
-void Team::run(const std::function<void(int)>& body) {
+void Team::begin(const std::function<void(int)>& body, bool open) {
     spread();
-    busy_.store(size() - 1, std::memory_order_relaxed);
+    busy_.store(open ? 0 : size() - 1, std::memory_order_relaxed);
     {
         const std::lock_guard<std::mutex> lock(mutex_);
         body_ = &body;
+        open_ = open;
         ++job_;
     }
     wake_.notify_all();
+}
+
+void Team::run(const std::function<void(int)>& body) {
+    begin(body, false);
     body(0);
+    wait_until([&] { return busy_.load(std::memory_order_acquire) == 0; });
+}
+
+void Team::share(int count, const std::function<void(int, int)>& body) {
+    std::atomic<int> next{0};
+    const std::function<void(int)> work = [&](int member) {
+        for (int piece = next++; piece < count; piece = next++) body(member, piece);
+    };
+    if (size() == 1) return work(0);
+    begin(work, true);
+    work(0);
+    {
+        const std::lock_guard<std::mutex> lock(mutex_);
+        body_ = nullptr;
+    }
     wait_until([&] { return busy_.load(std::memory_order_acquire) == 0; });
 }
 
@@ -65,6 +85,8 @@ void Team::serve(int member) {
             if (ending_) return;
             done = job_;
             body = body_;
+            if (!body) continue;
+            if (open_) busy_.fetch_add(1, std::memory_order_relaxed);
         }
         // Awake on its core, it may move again if others need that one.
         pthread_setaffinity_np(pthread_self(), sizeof allowed_, &allowed_);

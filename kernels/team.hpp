@@ -61,12 +61,17 @@ public:
     // Runs body(member) once for each member, the caller being member 0. The body must not throw.
     void run(const std::function<void(int)>& body);
 
+    // Runs body(member, piece) once for each of `count` pieces, begun in their order by whoever has nothing to do. Who
+    // comes too late is not waited for: its core may be busy with something else. The body must not throw or meet().
+    void share(int count, const std::function<void(int, int)>& body);
+
     // For use inside a body: waits until all members have come here.
     void meet() { barrier_.wait(); }
 
 private:
     void serve(int member);
     void spread();
+    void begin(const std::function<void(int)>& body, bool open);
 
     cpu_set_t allowed_;
     std::vector<int> cores_;
@@ -75,6 +80,7 @@ private:
     std::mutex mutex_;
     std::condition_variable wake_;
     const std::function<void(int)>* body_ = nullptr;
+    bool open_ = false;  // to those that come in time, while body_ is there; else all are waited for
     long job_ = 0;
     bool ending_ = false;
     std::atomic<int> busy_{0};

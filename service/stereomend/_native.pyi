@@ -5,6 +5,7 @@ import numpy.typing as npt
 
 _Plane = npt.NDArray[np.float32]
 _Flags = npt.NDArray[np.bool_]
+_Samples = npt.NDArray[np.generic]
 
 KERNEL_HASH: str
 
@@ -91,6 +92,17 @@ class Engine:
     ) -> _Plane: ...
     def halve(self, planes: Sequence[_Plane]) -> list[_Plane]: ...
     def halve_weighed(self, u: _Plane, weight: _Plane) -> tuple[_Plane, _Plane]: ...
+    def shrink(self, samples: _Samples, height: int, width: int, grey: bool = False) -> list[_Plane]: ...
+    def merge(
+        self,
+        u: _Plane,
+        share: _Plane,
+        sample: _Plane,
+        upload: _Plane,
+        valid: _Flags,
+        near: float,
+        half: float,
+    ) -> _Plane: ...
     def trust(
         self,
         left: _Plane,

@@ -1,6 +1,7 @@
 // Inputs of the kernels for programs that check them without Python.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <fstream>
 #include <stdexcept>
@@ -124,6 +125,37 @@ inline std::vector<float> run_evidence(stereomend::Engine& engine, const Scene& 
     return out;
 }
 
+// All outputs of changes of size, one after the other: to three quarters, and from there and from half back.
+inline std::vector<float> run_resize(stereomend::Engine& engine, const Scene& scene) {
+    const size_t pixels = scene.u.size();
+    const auto [width, height] = scene.size;
+    const stereomend::Size less{std::max(1, 3 * width / 4), std::max(1, 3 * height / 4)};
+    const size_t few = static_cast<size_t>(less.width) * less.height;
+    std::vector<float> out(8 * few + 2 * pixels);
+    float* at = out.data();
+    const auto shrink = [&](const void* samples, int bytes, int channels, bool grey) {
+        stereomend::Shrunk planes{};
+        const stereomend::Samples from{scene.size, samples, bytes, channels, grey};
+        for (int k = 0; k < values_of(from); ++k, at += few) planes.plane[k] = at;
+        engine.shrink(from, less, planes);
+    };
+    const std::vector<uint8_t> image(scene.known.size() * 3, 200);
+    const std::vector<uint16_t> deep(scene.known.size() * 3, 51400);
+    shrink(scene.u.data(), 4, 1, false);
+    shrink(scene.known.data(), 1, 1, false);
+    shrink(image.data(), 1, 3, true);
+    shrink(deep.data(), 2, 3, false);
+    float* samples = at;
+    shrink(scene.prior.data(), 4, 1, false);
+    for (const stereomend::Size from : {less, stereomend::Size{(width + 1) / 2, (height + 1) / 2}}) {
+        const float ratio = static_cast<float>(width) / from.width;
+        engine.merge({from, scene.prior.data(), scene.weight.data(), from.width == less.width ? samples : scene.u.data(),
+                      scene.size, scene.u.data(), scene.flags(), ratio, 0.7f, 0.5f}, at);
+        at += pixels;
+    }
+    return out;
+}
+
 // All outputs of the kernels, one after the other.
 inline std::vector<float> run_all(stereomend::Engine& engine, const Scene& scene,
                                   const stereomend::SolverParams& params) {
@@ -143,7 +175,8 @@ inline std::vector<float> run_all(stereomend::Engine& engine, const Scene& scene
     engine.confidence({scene.size, scene.left.data(), scene.right.data(), solved, scene.flags(), scene.flags()},
                       {21, 20.0f, 2, 2.0f}, out.data() + 2 * pixels);
     for (const std::vector<float>& part :
-         {run_guided(engine, scene, params, {solved, solved + pixels}), run_evidence(engine, scene)})
+         {run_guided(engine, scene, params, {solved, solved + pixels}), run_evidence(engine, scene),
+          run_resize(engine, scene)})
         out.insert(out.end(), part.begin(), part.end());
     return out;
 }

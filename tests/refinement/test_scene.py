@@ -84,3 +84,29 @@ def test_pictures_of_one_row_or_column_have_glints_too(size):
     matte = scene_of(image, size, LdrParams(specular="glint")).matte
     assert matte.shape == size
     assert matte.sum() == matte.size - (matte.size > 1)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_glints_are_what_rises_over_an_opening(seed):
+    """Blobs of all sizes and levels, against the opening of the whole picture."""
+    rng = np.random.default_rng(seed)
+    size = (int(rng.integers(1, 90)), int(rng.integers(1, 200)))
+    image = np.full((*size, 3), 90, np.uint8)
+    for _ in range(rng.integers(0, 12)):
+        top, left, height, width = rng.integers(0, (*size, 40, 40))
+        image[top : top + height + 1, left : left + width + 1] = rng.integers(150, 256) - rng.integers(
+            0, 9, 3
+        )
+    value, lowest = image.max(axis=2).astype(np.float32), image.min(axis=2).astype(np.float32)
+    side = max(3, round(0.06 * size[1])) | 1
+    opened = opening(value, side)
+    expected = (value > 215) & (value - lowest < 60 / 255 * value) & (value - opened > 40)
+    assert (scene_of(image, size, LdrParams(specular="glint")).matte == ~expected).all()
+
+
+def opening(value, side):
+    """The least of each window, then the most of these, as far as windows are inside."""
+    for reduced, beyond in ((np.min, np.inf), (np.max, -np.inf)):
+        padded = np.pad(value, side // 2, constant_values=beyond)
+        value = reduced(np.lib.stride_tricks.sliding_window_view(padded, (side, side)), axis=(2, 3))
+    return value

@@ -15,17 +15,19 @@ from stereomend.disparity import Mask
 from stereomend.opencv import cv2
 from stereomend.refinement.backends import (
     CELL,
+    HALF,
     Backend,
     Cells,
     ChoiceRule,
     Grounds,
+    Offer,
     Plane,
     PollRule,
     Polls,
     Rivals,
 )
 from stereomend.refinement.params import RefineParams
-from stereomend.refinement.pyramid import HALF, Sparse, enlarge_disparity, sample, sample_disparity
+from stereomend.refinement.pyramid import Sparse
 from stereomend.refinement.scene import Scene
 from stereomend.refinement.smooth import Sums, blurred, fit_planes, pixels, ramp, ratio
 from stereomend.refinement.stage_params import FusionParams
@@ -162,25 +164,5 @@ def _grown(mask: Mask, by: int) -> Mask:
 
 
 def at_input_size(fused: Fused, upload: Sparse, near_px: float, backend: Backend) -> Plane:
-    """Put both maps together at input size, (H, W) px: blended where they are near, else one of them.
-
-    A pixel of the upload that fits none of the chosen samples around, which are fewer, was never judged.
-    """
-    size = (upload.u.shape[0], upload.u.shape[1])
-    u, share = enlarge_disparity(fused.u, size, backend), backend.enlarge(fused.share, size)
-    near = np.abs(upload.u - u) < near_px
-    judged = np.where(sample(fused.chosen, size), sample_disparity(fused.upload, size).u, u)
-    chosen = np.where(_fits(fused, upload.u), upload.u, judged)
-    hard = np.where(upload.valid & (share > HALF), chosen, u)
-    blended = share * upload.u + (1 - share) * u
-    return np.where(near & upload.valid, blended, hard).astype(u.dtype, copy=False)
-
-
-def _fits(fused: Fused, u: Plane) -> Mask:
-    size, beyond = (u.shape[0], u.shape[1]), fused.upload.u.dtype.type(1e9)
-    chosen, window = fused.chosen, np.ones((3, 3), np.uint8)
-    least = cv2.erode(np.where(chosen, fused.upload.u, beyond), window)
-    most = cv2.dilate(np.where(chosen, fused.upload.u, -beyond), window)
-    ratio = size[1] / fused.u.shape[1]
-    fits: Mask = (u >= sample(least, size) * ratio - 1) & (u <= sample(most, size) * ratio + 1)
-    return fits
+    """Put both maps together at input size, (H, W) px: see `Backend.merge`."""
+    return backend.merge(Offer(fused.u, fused.share, fused.upload.u), *upload, near_px)

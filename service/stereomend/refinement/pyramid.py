@@ -8,15 +8,12 @@ import numpy as np
 import numpy.typing as npt
 
 from stereomend.disparity import DisparityMap, Mask
-from stereomend.refinement.backends import Backend, Plane, Size
+from stereomend.refinement.backends import HALF, Backend, Plane, Size
 
 S = TypeVar("S", bound=np.generic)
 
 SMALLEST_SIDE = 8
 """No level of a pyramid has a shorter side, in pixels, unless the finest has."""
-
-HALF = 0.5 - 1e-6
-"""A share of the area from here on is half or more of it; one half survives rounding."""
 
 
 class Sparse(NamedTuple):
@@ -44,8 +41,8 @@ def level_sizes(size: Size, levels: int) -> list[Size]:
 
 def shrink_disparity(sparse: Sparse, size: Size, backend: Backend) -> Sparse:
     """Shrink by the area mean over valid pixels, times the width ratio; valid where half of the area is."""
-    share = backend.shrink(backend.plane(sparse.valid), size)
-    total = backend.shrink(backend.plane(sparse.u), size)
+    share = backend.shrink(sparse.valid, size)
+    total = backend.shrink(sparse.u, size)
     valid = np.ascontiguousarray(share >= HALF)
     ratio = total.dtype.type(size[1] / sparse.u.shape[1])
     return Sparse(total / np.where(valid, share, 1) * (ratio * valid), valid)

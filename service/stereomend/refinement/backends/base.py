@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from stereomend.disparity import Mask
+from stereomend.disparity import Image, Mask
 from stereomend.refinement.stage_params import FusionParams, GdrParams, LdrParams
 
 Plane = npt.NDArray[np.floating[Any]]
@@ -16,6 +16,9 @@ Plane = npt.NDArray[np.floating[Any]]
 
 Cells = npt.NDArray[np.float64]
 """A number for each cell of a coarse grid."""
+
+HALF = 0.5 - 1e-6
+"""A share from here on is half or more; one half survives rounding."""
 
 SMALLEST = 0.5
 """A smaller disparity [px] is a network's way to say that it knows nothing."""
@@ -199,6 +202,15 @@ class Polls(NamedTuple):
     """And of u * u."""
 
 
+class Offer(NamedTuple):
+    """A map and samples of the upload, px, for `Backend.merge` to choose from, each (H, W)."""
+
+    u: Plane
+    share: Plane
+    """Of the upload, 0 to 1; over a half, it is chosen."""
+    sample: Plane
+
+
 class Backend(Protocol):
     """The steps of LDR and GDR on one kind of hardware; the same numbers up to rounding."""
 
@@ -212,8 +224,16 @@ class Backend(Protocol):
         """Bring an array to the backend's precision; the caller's own is never changed later."""
         ...
 
-    def shrink(self, image: Plane, size: Size) -> Plane:
-        """Shrink to `size` by the area mean; further axes, as colour, stay."""
+    def shrink(self, image: Plane | Mask, size: Size) -> Plane:
+        """Shrink to `size` by the area mean."""
+        ...
+
+    def shades(self, image: Image, size: Size) -> tuple[list[Plane], Plane]:
+        """Grey alone, or R, G and B, of an image shrunk to `size`; and the BT.601 grey levels of these."""
+        ...
+
+    def grey(self, image: Image, size: Size) -> Plane:
+        """BT.601 grey levels of an image, then shrunk to `size`: another rounding than that of `shades`."""
         ...
 
     def enlarge(self, image: Plane, size: Size) -> Plane:
@@ -314,6 +334,16 @@ class Backend(Protocol):
 
     def choose(self, rivals: Rivals, grounds: Grounds, rule: ChoiceRule) -> Plane:
         """The share of the upload in the result, (H, W) in [0, 1] (R10)."""
+        ...
+
+    def merge(self, offer: Offer, upload: Plane, valid: Mask, near: float) -> Plane:
+        """Put a map and the upload, px of the input, together at input size, (H, W) px, at least 0 (R9).
+
+        Where the upload is valid, both are blended by the share if they differ by less than `near` px. Else
+        the upload stays where it is chosen and fits: within 1 px of the range of the chosen samples in the
+        3 x 3 around the one that the pixel's centre falls on. What does not fit was never judged, and takes
+        that sample if it is chosen.
+        """
         ...
 
     def mismatch(self, left: Plane, readings: Sequence[Reading]) -> list[tuple[float, int]]:

@@ -9,15 +9,17 @@ import numpy as np
 import numpy.typing as npt
 
 from stereomend import _native
-from stereomend.disparity import FloatMap, Mask
+from stereomend.disparity import FloatMap, Image, Mask
 from stereomend.opencv import cv2
 from stereomend.refinement.backends.base import (
+    HALF,
     SMALLEST,
     UNGUIDED,
     ChoiceRule,
     Grounds,
     Guide,
     OcclusionRule,
+    Offer,
     Plane,
     PollRule,
     Polls,
@@ -45,13 +47,25 @@ class NativeBackend:
         """See `Backend.plane`."""
         return np.ascontiguousarray(array, np.float32)
 
-    def shrink(self, image: Plane, size: Size) -> Plane:
+    def shrink(self, image: Plane | Mask, size: Size) -> Plane:
         """See `Backend.shrink`."""
-        return _resize(image, size, cv2.INTER_AREA)
+        samples = np.ascontiguousarray(image) if image.dtype == np.bool_ else self.plane(image)
+        return self._engine.shrink(samples, *size)[0]
+
+    def shades(self, image: Image, size: Size) -> tuple[list[Plane], Plane]:
+        """See `Backend.shades`."""
+        planes = self._engine.shrink(np.ascontiguousarray(image), *size)
+        return [*planes[:3]], planes[-1]
+
+    def grey(self, image: Image, size: Size) -> Plane:
+        """See `Backend.grey`."""
+        return self._engine.shrink(np.ascontiguousarray(image), *size, grey=True)[0]
 
     def enlarge(self, image: Plane, size: Size) -> Plane:
         """See `Backend.enlarge`."""
-        return _resize(image, size, cv2.INTER_LINEAR)
+        height, width = size
+        enlarged = cv2.resize(image, (width, height), interpolation=cv2.INTER_LINEAR)
+        return np.asarray(enlarged, np.float32)
 
     def confidence(self, left: Plane, right: Plane, u: Plane, usable: Usable, params: LdrParams) -> Plane:
         """See `Backend.confidence`."""
@@ -154,6 +168,11 @@ class NativeBackend:
         """See `Backend.choose`."""
         return self._engine.choose(rivals, grounds, _native.ChoiceRule(**rule._asdict()))
 
+    def merge(self, offer: Offer, upload: Plane, valid: Mask, near: float) -> Plane:
+        """See `Backend.merge`."""
+        u, share, sample, upload = (self.plane(plane) for plane in (*offer, upload))
+        return self._engine.merge(u, share, sample, upload, valid, near, HALF)
+
     def mismatch(self, left: Plane, readings: Sequence[Reading]) -> list[tuple[float, int]]:
         """See `Backend.mismatch`."""
         planes = [(self.plane(right), self.plane(u), valid) for right, u, valid in readings]
@@ -162,11 +181,6 @@ class NativeBackend:
     def unobserved(self, u: Plane) -> Mask:
         """See `Backend.unobserved`."""
         return self._engine.unobserved(self.plane(u))
-
-
-def _resize(image: Plane, size: Size, interpolation: int) -> Plane:
-    height, width = size
-    return np.asarray(cv2.resize(image, (width, height), interpolation=interpolation), np.float32)
 
 
 def _rule(rule: SpeckleRule) -> _native.SpeckleRule:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from stereomend.disparity import Mask
+from stereomend.disparity import Image, Mask
 from stereomend.refinement.backends import reference_evidence as parts
 from stereomend.refinement.backends import reference_fusion as fusion
 from stereomend.refinement.backends.base import (
@@ -22,6 +22,7 @@ from stereomend.refinement.backends.base import (
     Grounds,
     Guide,
     OcclusionRule,
+    Offer,
     Plane,
     PollRule,
     Polls,
@@ -48,6 +49,8 @@ MIN_NORM = 1e-3
 """Descriptors of less contrast [grey levels] are 0: below, float32 and float64 part ways."""
 MIN_GREY = 1.0
 """Floor of I_s in Eq. 2 [grey levels]."""
+GREY_WEIGHTS = (0.299, 0.587, 0.114)
+"""BT.601 luma of R, G, B."""
 HARDLY = 1e-6
 """A weight so small that it counts only where there is no other."""
 
@@ -65,9 +68,25 @@ class ReferenceBackend:
         """See `Backend.plane`."""
         return np.array(array, np.float64)
 
-    def shrink(self, image: Plane, size: Size) -> Plane:
+    def shrink(self, image: Plane | Mask, size: Size) -> Plane:
         """See `Backend.shrink`."""
-        return _apply(area_weights, image, size)
+        return _apply(area_weights, self.plane(image), size)
+
+    def shades(self, image: Image, size: Size) -> tuple[list[Plane], Plane]:
+        """See `Backend.shades`."""
+        levels = self._levels(image)
+        if levels.ndim == 2:
+            return [grey := self.shrink(levels, size)], grey
+        channels = [self.shrink(levels[..., i], size) for i in range(3)]
+        return channels, np.stack(channels, axis=-1) @ GREY_WEIGHTS
+
+    def grey(self, image: Image, size: Size) -> Plane:
+        """See `Backend.grey`."""
+        levels = self._levels(image)
+        return self.shrink(levels if levels.ndim == 2 else levels @ GREY_WEIGHTS, size)
+
+    def _levels(self, image: Image) -> Array:
+        return self.plane(image) / (257 if image.dtype == np.uint16 else 1)
 
     def enlarge(self, image: Plane, size: Size) -> Plane:
         """See `Backend.enlarge`."""
@@ -186,6 +205,12 @@ class ReferenceBackend:
     def choose(self, rivals: Rivals, grounds: Grounds, rule: ChoiceRule) -> Plane:
         """See `Backend.choose`."""
         return fusion.choose(rivals, grounds, rule)
+
+    def merge(self, offer: Offer, upload: Plane, valid: Mask, near: float) -> Plane:
+        """See `Backend.merge`."""
+        size, given = (upload.shape[0], upload.shape[1]), Offer(*map(self.plane, offer))
+        large = given._replace(u=self.enlarge(given.u, size), share=self.enlarge(given.share, size))
+        return fusion.merge(given, large, upload, valid, near)
 
     def mismatch(self, left: Plane, readings: Sequence[Reading]) -> list[tuple[float, int]]:
         """See `Backend.mismatch`."""

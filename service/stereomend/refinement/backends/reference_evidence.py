@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from stereomend.disparity import Mask
+from stereomend.refinement.backends.base import Plane, Size
 
 Array = npt.NDArray[np.float64]
 
@@ -29,6 +30,26 @@ def median_5x5(values: Array) -> Array:
 def _windows(values: Array, mode: Any) -> Array:
     padded = np.pad(values, _SIDE // 2, mode=mode)
     return np.lib.stride_tricks.sliding_window_view(padded, (_SIDE, _SIDE))
+
+
+def range_3x3(values: Plane, chosen: Mask) -> tuple[Array, Array]:
+    """Least and most of the chosen values in the 3 x 3 around each pixel; infinite and minus it for none."""
+    bounds = []
+    for reduced, beyond in ((np.min, np.inf), (np.max, -np.inf)):
+        padded = np.pad(np.where(chosen, values, beyond), 1, constant_values=beyond)
+        windows = np.lib.stride_tricks.sliding_window_view(padded, (3, 3))
+        bounds.append(np.asarray(reduced(windows, axis=(2, 3)), np.float64))
+    return bounds[0], bounds[1]
+
+
+def sample(values: Plane, size: Size) -> Plane:
+    """For each pixel of `size` (height, width) the value of the pixel that its centre falls on."""
+    rows, columns = (
+        ((np.arange(target) + 0.5) * source / target).astype(np.intp)
+        for source, target in zip(values.shape, size, strict=True)
+    )
+    sampled: Plane = values[np.ix_(rows, columns)]
+    return sampled
 
 
 def patches(u: Array, valid: Mask, step: float, soft: Mask | None = None) -> npt.NDArray[np.intp]:

@@ -8,8 +8,17 @@ import numpy as np
 import numpy.typing as npt
 
 from stereomend.disparity import Mask
-from stereomend.refinement.backends.base import CELL, ChoiceRule, Grounds, PollRule, Polls, Rivals
-from stereomend.refinement.backends.reference_evidence import mean_5x5, patches
+from stereomend.refinement.backends.base import (
+    CELL,
+    HALF,
+    ChoiceRule,
+    Grounds,
+    Offer,
+    PollRule,
+    Polls,
+    Rivals,
+)
+from stereomend.refinement.backends.reference_evidence import mean_5x5, patches, range_3x3, sample
 from stereomend.refinement.backends.reference_search import Land, walk_all_ways
 
 Array = npt.NDArray[np.float64]
@@ -126,3 +135,16 @@ def _sum_around(values: Array, axis: int) -> Array:
     windows = np.lib.stride_tricks.sliding_window_view(np.pad(values, padding), 2 * _AROUND + 1, axis=axis)
     total: Array = windows.sum(axis=-1)
     return total
+
+
+def merge(offer: Offer, enlarged: Offer, upload: Plane, valid: Mask, near: float) -> Plane:
+    """See `Backend.merge`; `enlarged`: the map and the share at input size, values as they were."""
+    size = (upload.shape[0], upload.shape[1])
+    ratio = size[1] / offer.u.shape[1]
+    u, share = enlarged.u * ratio, enlarged.share
+    judged = np.where(sample(offer.share, size) > HALF, sample(offer.sample, size) * ratio, u)
+    least, most = (sample(bound, size) * ratio for bound in range_3x3(offer.sample, offer.share > HALF))
+    chosen = np.where((upload >= least - 1) & (upload <= most + 1), upload, judged)
+    hard = np.where(share > HALF, chosen, u)
+    blended = share * upload + (1 - share) * u
+    return np.maximum(np.where(valid, np.where(np.abs(upload - u) < near, blended, hard), u), 0)

@@ -1,0 +1,80 @@
+// Changes of size: the row loops, and what they are given. Planes are row-major (height, width).
+#pragma once
+
+#include <stdint.h>
+
+#include "ldr_sweeps.hpp"
+
+namespace stereomend {
+
+// What each pixel of a smaller row or column covers of a larger one: pixel i takes `taps` pixels from first[i] on, with
+// weights from weight[i * taps] on, which sum to 1.
+struct Cover {
+    int taps;
+    int count;
+    const int* first;
+    const float* weight;
+};
+
+// Samples of an image or a plane, (height, width, channels).
+struct Samples {
+    Size size;
+    const void* data;
+    int bytes;     // of a sample: 1, 2 for 0 to 65535 in place of 0 to 255, 4 for float32
+    int channels;  // 1; 3 of 1 or 2 bytes: R, G, B
+    bool grey;     // of three channels, first one grey level
+};
+
+// Where the samples go at their new size: one plane; or R, G, B, and the grey level of these.
+struct Shrunk {
+    float* plane[4];
+};
+
+// Floats in a row of scratch that holds one value per pixel, or R, G, B and one more.
+constexpr int values_of(const Samples& from) { return from.channels == 3 && !from.grey ? 4 : 1; }
+
+// Floats of scratch that a member needs to shrink: a row as it came, the ones around it at their new width, and one
+// at its new size.
+constexpr size_t shrink_floats(const Samples& from, const Cover& columns, const Cover& rows) {
+    return values_of(from) * (static_cast<size_t>(from.size.width) + (rows.taps + 1) * static_cast<size_t>(columns.count));
+}
+
+// Where the pixels of a larger row or column are in a smaller one.
+struct Places {
+    const int* before;      // of the two neighbours
+    const int* after;
+    const float* fraction;  // of the way from the one to the other
+    const int* nearest;     // the pixel that the centre falls on
+};
+
+// Two maps at working size and one of them at input size, px of their own size.
+struct Offer {
+    Size from;
+    const float* u;
+    const float* share;   // of the samples, 0 to 1
+    const float* sample;  // of the upload
+    Size to;
+    const float* upload;
+    const bool* valid;
+    float ratio;  // of the widths
+    float near;   // maps nearer than this are blended [px]
+    float half;   // a share above is chosen
+};
+
+// Floats of scratch that a member needs to merge.
+constexpr size_t merge_floats(const Offer& offer) {
+    return 7 * static_cast<size_t>(offer.to.width) + 5 * (static_cast<size_t>(offer.from.width) + 2);
+}
+
+struct ResizeSweeps {
+    // Writes some rows of the smaller planes, each pixel the mean of what it covers.
+    void (*shrink)(const Samples&, const Cover& columns, const Cover& rows, Rows, float* scratch, const Shrunk&);
+    // Writes some rows of both maps put together, (height, width) of the input, px.
+    void (*merge)(const Offer&, const Places& columns, const Places& rows, Rows, float* scratch, float* out);
+};
+
+extern const ResizeSweeps resize_sweeps_v2;
+extern const ResizeSweeps resize_sweeps_v3;
+extern const ResizeSweeps resize_sweeps_generic;
+
+}  // namespace stereomend
