@@ -4,35 +4,51 @@ import numpy as np
 import pytest
 
 from stereomend.refinement import select_backend
-from stereomend.refinement.smooth import CELL, Grid, blurred, fit_planes, ratio
+from stereomend.refinement.backends import CELL
+from stereomend.refinement.smooth import PlaneFit, Sums, blurred, fit_planes, pixels, ramp, ratio
 
 NATIVE = select_backend("native", threads=2)
 SIZES = [(1, 1), (1, 33), (33, 1), (5, 7), (61, 47), (200, 150)]
 
 
+def means(values):
+    """Cell by cell; those at the end have fewer pixels."""
+    height, width = values.shape
+    return np.array(
+        [
+            [values[y : y + CELL, x : x + CELL].astype(float).mean() for x in range(0, width, CELL)]
+            for y in range(0, height, CELL)
+        ]
+    )
+
+
+def back(cells, size):
+    return pixels(cells, size, NATIVE)
+
+
 @pytest.mark.parametrize("size", SIZES)
 def test_a_constant_stays_one_through_cells_and_back(size):
-    grid = Grid(size, NATIVE)
-    cells = grid.cells(np.full(size, 3.5, np.float32))
-    assert np.allclose(cells, 3.5)
-    back = grid.pixels(blurred(cells, 20))
-    assert back.shape == size
-    assert np.allclose(back, 3.5)
-
-
-def test_cells_are_means():
-    values = np.random.default_rng(1).uniform(0, 9, (4 * CELL, 6 * CELL)).astype(np.float32)
-    expected = values.reshape(4, CELL, 6, CELL).mean(axis=(1, 3))
-    assert np.allclose(Grid(values.shape, NATIVE).cells(values), expected, atol=1e-5)
+    found = back(blurred(means(np.full(size, 3.5)), 20), size)
+    assert found.shape == size
+    assert found.dtype == np.float32
+    assert np.allclose(found, 3.5)
 
 
 def test_a_ramp_through_cells_and_back_stays_where_it_was():
     """Half-pixel centres: nothing moves, whether or not the cells cover the picture exactly."""
     for width in (160, 150):
-        ramp = np.tile(np.arange(width, dtype=np.float32), (40, 1))
-        grid = Grid(ramp.shape, NATIVE)
-        back = grid.pixels(grid.cells(ramp))
-        assert np.abs(back - ramp)[:, 2 * CELL : -2 * CELL].max() < 0.1
+        level = np.tile(np.arange(width, dtype=np.float32), (40, 1))
+        for across in (level, np.ascontiguousarray(level.T)):
+            error = np.abs(back(means(across), across.shape) - across)
+            assert error[2 * CELL : -2 * CELL, 2 * CELL : -2 * CELL].max() < 0.1
+
+
+@pytest.mark.parametrize("width", [1, 7, 8, 9, 64, 65, 149, 150])
+def test_the_left_part_of_a_picture_is_that_of_the_whole(width):
+    """Cells right of the part still count for its last pixels."""
+    cells = np.random.default_rng(4).uniform(0, 9, (8, 19))
+    whole = back(cells, (61, 150))
+    assert np.allclose(back(cells, (61, width)), whole[:, :width], rtol=0, atol=1e-5)
 
 
 @pytest.mark.parametrize("width", [8.0, 24.0])
@@ -52,9 +68,22 @@ def test_the_ratio_of_nothing_to_nothing_is_0():
     assert found.tolist() == [0, 0, 0.75, 0]
 
 
+def test_a_ramp_rises_between_its_ends_and_a_step_is_one_too():
+    values = np.array([-1.0, 0.5, 0.625, 0.75, 2.0])
+    assert ramp(values, 0.5, 0.75).tolist() == [0, 0, 0.5, 1, 1]
+    assert ramp(values, 0.5, 0.5).tolist() == [0, 0, 1, 1, 1]
+
+
 def plane(size, slope_x, slope_y):
     y, x = np.mgrid[: size[0], : size[1]]
     return (12 + slope_x * x + slope_y * y).astype(np.float32)
+
+
+def fitted(u, known, width):
+    """The plane around each pixel, by way of cells."""
+    exact = np.where(known, u.astype(float), 0)
+    cells = fit_planes(Sums(means(known), means(exact), means(exact**2)), width)
+    return PlaneFit(*(back(found, u.shape) for found in cells))
 
 
 @pytest.mark.parametrize("slope", [(0.0, 0.0), (0.05, 0.0), (-0.03, 0.02)])
@@ -65,9 +94,9 @@ def test_a_plane_is_found_again_where_nothing_of_it_is_known(size, slope):
     Not in the outer half of the outermost cells, where nothing is interpolated.
     """
     truth = plane(size, *slope)
-    known = np.arange(size[1]) >= 40
+    known = np.broadcast_to(np.arange(size[1]) >= 40, size)
     given = np.where(known, truth, -50).astype(np.float32)
-    fit = fit_planes(given, np.broadcast_to(known, size).copy(), 25.0, Grid(size, NATIVE))
+    fit = fitted(given, known, 25.0)
     error = np.abs(fit.value - truth)[CELL:-CELL, :-CELL]
     change = 25 * np.hypot(*slope)
     assert error[:, 60:].max() < 0.05 + 0.06 * change
@@ -80,12 +109,11 @@ def test_a_plane_is_found_again_where_nothing_of_it_is_known(size, slope):
 def test_the_residual_is_what_no_plane_explains():
     size, rng = (160, 160), np.random.default_rng(3)
     noisy = plane(size, 0.02, 0.01) + rng.normal(0, 2, size).astype(np.float32)
-    fit = fit_planes(noisy, np.ones(size, bool), 30.0, Grid(size, NATIVE))
-    assert fit.residual.mean() == pytest.approx(4, rel=0.15)
+    assert fitted(noisy, np.ones(size, bool), 30.0).residual.mean() == pytest.approx(4, rel=0.15)
 
 
 def test_without_any_known_pixel_there_is_no_support():
-    fit = fit_planes(plane((40, 60), 0, 0), np.zeros((40, 60), bool), 10.0, Grid((40, 60), NATIVE))
+    fit = fitted(plane((40, 60), 0, 0), np.zeros((40, 60), bool), 10.0)
     assert not fit.support.any()
     assert np.isfinite(fit.value).all()
     assert np.isfinite(fit.residual).all()
@@ -93,7 +121,7 @@ def test_without_any_known_pixel_there_is_no_support():
 
 @pytest.mark.parametrize("size", SIZES)
 def test_planes_fit_pictures_of_any_size(size):
-    fit = fit_planes(np.full(size, 6, np.float32), np.ones(size, bool), 9.0, Grid(size, NATIVE))
+    fit = fitted(np.full(size, 6, np.float32), np.ones(size, bool), 9.0)
     for found in fit:
         assert found.shape == size
     assert np.allclose(fit.value, 6, atol=1e-3)

@@ -238,6 +238,28 @@ def test_what_can_be_reached_is_found_as_by_walking(backend, drawn, step):
 
 
 @EVERY_BACKEND
+@pytest.mark.parametrize("turned", [False, True])
+@pytest.mark.parametrize("width", [63, 64, 65, 127, 128, 129, 150, 192, 193])
+def test_long_rows_are_walked_from_end_to_end(backend, width, turned):
+    """Flags are walked 64 at a time: from both ends, and with something in the way at or beside such a seam."""
+    rng = np.random.default_rng(width)
+    for blocked in (None, 0, 1, 62, 63, 64, 65, 126, 127, 128, 191, 192):
+        size = (12, width)
+        seeds, passing = rng.random(size) < 0.01, rng.random(size) > 0.01
+        seeds[0, 0] = seeds[1, -1] = True
+        seeds[:2, 1:-1] = False
+        passing[:4] = True
+        if blocked is not None and blocked < width:
+            passing[:4, blocked] = False
+        soft = rng.random(size) < 0.1
+        u = (20 + rng.integers(0, 2, size) + 9 * (rng.random(size) < 0.005)).astype(np.float32)
+        flags = [np.ascontiguousarray(flag.T if turned else flag) for flag in (seeds, passing, soft)]
+        land = np.ascontiguousarray(u.T if turned else u)
+        found = backend.reach(*flags, land, 1.0)
+        assert {(int(y), int(x)) for y, x in np.argwhere(found)} == walked(*flags, land, 1.0), blocked
+
+
+@EVERY_BACKEND
 def test_seeds_stay_reached_and_steps_and_soft_pixels_decide(backend):
     u = np.array([[5, 5, 5, 9, 9, 9], [5, 5, 5, 5, 5, 5]], np.float32)
     seeds = np.zeros((2, 6), bool)

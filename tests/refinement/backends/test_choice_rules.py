@@ -1,0 +1,299 @@
+"""The rules of R10 one by one: which share of the upload comes of what is told of two maps."""
+
+import numpy as np
+import pytest
+
+from stereomend.refinement import parse_params, select_backend
+from stereomend.refinement.backends import ChoiceRule, Grounds, Rivals
+
+NATIVE, REFERENCE = select_backend("native", threads=2), select_backend("reference")
+EVERY_BACKEND = pytest.mark.parametrize("backend", [NATIVE, REFERENCE], ids=lambda backend: backend.name)
+FUSION = parse_params({"preset": "robust"}).fusion
+RULE = ChoiceRule.of(FUSION, 0.75, 0)
+SIZE = 24, 48
+X = np.arange(SIZE[1])
+UNSEEN = np.broadcast_to(X >= 20, SIZE)
+"""Where GDR sees nothing, in the tests of what can be reached."""
+
+
+def told(size=SIZE, **changes):
+    """Two maps that agree, are shown everywhere and trusted, but for the changes."""
+    values = {"upload": 5, "valid": True, "u": 5, "for_upload": 0.6, "for_u": 0.6, "upload_shown": True}
+    values |= {"u_shown": True, "level": 1, "equal": 1, "usual": 0.6, "edge": 1, "glints": False}
+    values |= {"beside": False} | changes
+    planes = {name: np.array(np.broadcast_to(value, size)) for name, value in values.items()}
+    planes = {k: plane if plane.dtype == bool else plane.astype(np.float32) for k, plane in planes.items()}
+    return (kind(*(planes[name] for name in kind._fields)) for kind in (Rivals, Grounds))
+
+
+def unseen(backend, upload, rule=RULE, **changes):
+    """The share where GDR sees nothing right of a part where both are `u`."""
+    changes = {"u_shown": ~UNSEEN} | changes
+    return backend.choose(*told(upload=upload, **changes), rule)
+
+
+@EVERY_BACKEND
+def test_where_both_agree_the_share_is_what_is_equal(backend):
+    """Whatever the evidence of the pixel, and how high the trust is."""
+    rng = np.random.default_rng(1)
+    equal, n, other, level = rng.random((4, *SIZE)).astype(np.float32)
+    apart = rng.uniform(-0.99, 0.99, SIZE) * RULE.near
+    rivals, grounds = told(u=5 + apart, for_u=n, for_upload=other, equal=equal, level=level)
+    assert (backend.choose(rivals, grounds, RULE) == equal).all()
+    hidden = rng.random(SIZE) < 0.5
+    found = backend.choose(rivals._replace(upload_shown=hidden), grounds._replace(beside=hidden), RULE)
+    assert (found == equal).all()
+
+
+@EVERY_BACKEND
+@pytest.mark.parametrize(
+    ("level", "margin"),
+    [
+        (0.7, FUSION.win_margin),
+        (FUSION.full_trust, FUSION.win_margin),
+        ((FUSION.full_trust + FUSION.high_trust) / 2, (FUSION.win_margin - FUSION.trusted_margin) / 2),
+        (FUSION.high_trust, -FUSION.trusted_margin),
+        (1, -FUSION.trusted_margin),
+    ],
+)
+def test_where_they_differ_an_untrusted_upload_needs_more_evidence_and_a_trusted_one_may_lack_some(
+    backend, level, margin
+):
+    for upload in (9, 1):
+        for lead, share in ((margin - 0.005, 0), (margin + 0.005, 1)):
+            facts = told(upload=upload, level=level, for_upload=0.6 + lead)
+            assert (backend.choose(*facts, RULE) == share).all(), (upload, lead)
+
+
+@EVERY_BACKEND
+def test_the_evidence_of_5_x_5_pixels_decides_mirrored_at_borders(backend):
+    """A lead of one pixel that is just enough for 25, at a corner for more: there it counts four times."""
+    lead = np.zeros(SIZE)
+    lead[12, 20] = lead[0, 0] = 25 * 0.03
+    found = backend.choose(*told(upload=9, level=0.7, for_upload=0.6 + lead), RULE)
+    expected = np.zeros(SIZE)
+    expected[10:15, 18:23] = expected[:3, :3] = 1
+    assert (found == expected).all()
+    lead /= 2.5  # enough only where it counts twice or more
+    found = backend.choose(*told(upload=9, level=0.7, for_upload=0.6 + lead), RULE)
+    expected[:], expected[:2, :3], expected[:3, :2] = 0, 1, 1
+    assert (found == expected).all()
+
+
+@EVERY_BACKEND
+def test_without_trust_no_other_map_counts(backend):
+    """Neither by evidence nor by being reached; up to the middle between the least and full trust."""
+    for level, share in ((0.68, 0), (0.69, 1)):
+        assert (backend.choose(*told(upload=9, level=level, for_upload=1), RULE) == share).all()
+        assert (unseen(backend, 5, level=level)[UNSEEN] == share).all()
+    assert not backend.choose(*told(upload=9, level=0.5, for_upload=1), RULE._replace(enough=0.5)).any()
+
+
+SURFACES = {
+    "level": (5 + 0 * X, 1),
+    "a small step": (np.where(X < 20, 5, 5.75), 1),
+    "small steps": (5 + 0.75 * ((X - 18).clip(0) // 2), 1),
+    "a slope": (5 + 0.75 * (X - 19).clip(0), 1),
+    "a steep slope": (5 + 2 * (X - 19).clip(0, 11), 1),
+    "a steep fall": (40 - 2 * (X - 19).clip(0, 11), 0),  # most of it left of the frame
+    "a jump": (np.where(X < 20, 5, 12), 0),
+    "a drop": (np.where(X < 20, 12, 5), 0),
+    "stairs": (5 + 2 * ((X - 18).clip(0) // 2), 0),
+}
+
+
+@EVERY_BACKEND
+@pytest.mark.parametrize("name", SURFACES)
+def test_steps_and_straight_slopes_are_reached_and_jumps_only_across_colour_edges(backend, name):
+    upload, share = SURFACES[name]
+    found = unseen(backend, upload, u=np.where(UNSEEN, 1, upload))
+    assert (found[~UNSEEN] == 1).all()
+    assert (found[UNSEEN] == share).all()
+    for edge, across in ((0.43, share), (0.41, 1)):
+        found = unseen(backend, upload, u=np.where(UNSEEN, 1, upload), edge=edge)
+        assert (found[UNSEEN] == across).all()
+
+
+@EVERY_BACKEND
+def test_a_colour_edge_on_either_side_of_a_jump_is_enough(backend):
+    for soft, share in ((18, 0), (19, 1), (20, 1), (21, 0)):
+        found = unseen(backend, np.where(UNSEEN, 12, 5), edge=np.where(soft == X, 0.4, 1))
+        assert (found[UNSEEN] == share).all()
+
+
+@EVERY_BACKEND
+def test_a_slope_is_straight_only_as_far_as_the_right_image_shows_its_match(backend):
+    """5 + 2 (x - 19) is x at 33: the last straight pixel, and the last that one can step from."""
+    found = unseen(backend, 5 + 2 * (X - 19).clip(0), u=5)
+    assert (found == (X <= 34)).all()
+    shifted = 48 + 2 * (X - 19).clip(0)
+    assert (unseen(backend, shifted, u=48) == ~UNSEEN).all()
+
+
+@EVERY_BACKEND
+def test_a_slope_down_the_picture_is_straight_too(backend):
+    """Row by row 2 px more, from row 12 on; straight only where its match is shown, x >= u."""
+    rows = np.arange(SIZE[0])[:, None]
+    upload = np.broadcast_to(5 + 2 * (rows - 11).clip(0), SIZE)
+    found = unseen(backend, upload, u=5, u_shown=rows < 12)
+    reached = np.where(rows == 12, upload <= X, np.roll(upload, 1, axis=0) <= X)
+    assert (found == ((rows < 12) | reached)).all()
+
+
+@EVERY_BACKEND
+def test_a_fold_of_exactly_the_step_is_straight_and_a_sharper_one_is_not(backend):
+    """A slope of 1.25 px that turns by so much at every pixel, up and down."""
+    rule = RULE._replace(step=0.75)
+    for turn, share in ((0.75, 1), (0.875, 0)):
+        upload = 5 + np.cumsum((UNSEEN[0] & (X < 31)) * (1.25 + turn * (X % 2)))
+        assert (upload <= X)[20:].all()
+        assert (unseen(backend, upload, rule, u=5)[:, 20:31] == share).all()
+
+
+SPIKES = [(5, 23), (5, 37), (19, 23), (19, 37), (12, 25), (12, 35), (8, 30), (16, 30), (10, 27), (14, 33)]
+"""Ten that only the window of 15 x 15 pixels around (12, 30) holds all of."""
+
+
+def marked(places, size=SIZE):
+    flags = np.zeros(size, bool)
+    flags[tuple(np.transpose(places))] = True
+    return flags
+
+
+@EVERY_BACKEND
+@pytest.mark.parametrize("height", [0.5, -0.5])
+def test_more_than_nine_spikes_in_225_pixels_make_it_rough(backend, height):
+    centre = marked([(12, 30)])
+    assert (unseen(backend, 5 + height * marked(SPIKES)) == ~centre).all()
+    assert (unseen(backend, 5 + height * marked(SPIKES[1:])) == 1).all()
+    level = RULE._replace(spike=0.5)  # no higher than that
+    assert (unseen(backend, 5 + height * marked(SPIKES), level) == 1).all()
+    assert (backend.choose(*told(upload=5 + height * marked(SPIKES)), RULE) == 1).all()  # u is seen: no walk
+
+
+@EVERY_BACKEND
+def test_holes_make_it_rough_as_spikes_do_and_are_never_the_uploads(backend):
+    holes, spikes = marked(SPIKES[:5]), marked(SPIKES[5:])
+    found = unseen(backend, np.where(holes, 0, 5 + 0.5 * spikes), valid=~holes)
+    assert (found == ~(holes | marked([(12, 30)]))).all()
+    fewer = marked(SPIKES[1:5])
+    found = unseen(backend, np.where(fewer, 0, 5 + 0.5 * spikes), valid=~fewer)
+    assert (found == ~fewer).all()
+
+
+@EVERY_BACKEND
+def test_at_a_corner_only_the_pixels_inside_the_picture_count(backend):
+    """Three spikes: over 0.04 of the 64 or 72 pixels around the last ones, not of 80 further inside."""
+    spikes = marked([(0, 41), (2, 45), (7, 43)])
+    rough = marked([(0, 47), (0, 46), (1, 47)])
+    assert (unseen(backend, 5 + 0.5 * spikes) == ~rough).all()
+
+
+@EVERY_BACKEND
+@pytest.mark.parametrize("reason", ["weak", "glint", "beside"])
+def test_where_u_sees_nothing_that_counts_the_upload_is_what_can_be_reached(backend, reason):
+    """The evidence of the upload would lose; `beside` what a highly trusted upload hides it is not asked."""
+    there = (X >= 20) & (X < 30)
+    changes = {
+        "weak": {"for_u": 0.47, "for_upload": 0},
+        "glint": {"glints": UNSEEN, "for_upload": 0},
+        "beside": {"beside": UNSEEN, "for_upload": 0},
+    }[reason]
+    facts = dict(upload=np.where(there, 5.5, 9 * UNSEEN + 5), u=np.where(there, 9, 5), **changes)
+    found = backend.choose(*told(**facts), RULE)
+    assert (found == (X < 30)).all()
+    seen = {"weak": {"for_u": 0.49}, "glint": {"glints": False}, "beside": {"level": 0.8}}[reason]
+    assert (backend.choose(*told(**facts | seen), RULE) == ~UNSEEN).all()
+
+
+@EVERY_BACKEND
+def test_high_trust_lets_the_upload_hide_what_u_sees(backend):
+    """Where the right image does not show the upload, it is believed if reached, however it compares."""
+    rule = RULE._replace(full_trust=0.5, high_trust=0.75, enough=0.4)
+    for lead in (-0.5, 0.4):
+        for level, share in ((0.75, 1), (0.74, 0)):
+            facts = told(u=1 + 4 * ~UNSEEN, upload_shown=~UNSEEN, for_upload=0.6 + lead, level=level)
+            found = backend.choose(*facts, rule)
+            assert (found[:, 20:] == share).all(), (lead, level)
+            assert (found[:, :20] == 1).all()
+
+
+@EVERY_BACKEND
+@pytest.mark.parametrize(
+    ("there", "passes"),
+    [
+        ({"u": 1, "for_upload": 0.3}, False),  # the pair contradicts the upload
+        ({"u": 1, "for_upload": 0.5}, True),
+        ({"u": 5.5, "for_upload": 0.3}, True),  # both say nearly the same
+        ({"u": 1, "for_upload": 0.3, "glints": True}, True),
+        ({"u": 1, "for_upload": 0.9, "upload_shown": False, "level": 0.8}, False),
+        ({"u": 1, "for_upload": 0.9, "upload_shown": False, "level": 0.83}, True),
+        ({"u_shown": False, "level": 0.6}, False),
+        ({"u_shown": False, "valid": False, "upload": 0}, False),
+    ],
+)
+def test_no_walk_leads_through_what_the_pair_contradicts(backend, there, passes):
+    """A strip of 7 columns before what u does not see."""
+    strip, rule = (X >= 20) & (X < 27), RULE._replace(rough_share=1)
+    facts = {"u_shown": X < 27, "upload": 5, "u": 5, "for_upload": 0.6, "upload_shown": True, "level": 1}
+    facts |= {"glints": False, "valid": True}
+    facts = {k: np.where(strip, there.get(k, v), v) for k, v in facts.items()}
+    facts["u_shown"] = np.where(strip, there.get("u_shown", True), X < 27)
+    assert (backend.choose(*told(**facts), rule)[:, 27:] == passes).all()
+
+
+@EVERY_BACKEND
+def test_walks_start_only_where_both_are_shown_agree_and_are_trusted(backend):
+    for change in (
+        {"upload_shown": UNSEEN},
+        {"u_shown": False},
+        {"u": 5 + RULE.near},
+        {"level": np.where(UNSEEN, 1, 0.6)},
+    ):
+        facts = {"u_shown": ~UNSEEN} | change
+        assert not backend.choose(*told(**facts), RULE)[UNSEEN].any(), change
+
+
+@EVERY_BACKEND
+def test_where_u_is_not_shown_the_share_is_what_is_reached(backend):
+    """By the walk of `Backend.reach`, when nothing is contradicted or rough."""
+    rng = np.random.default_rng(2)
+    size, rule = (60, 150), RULE._replace(rough_share=1)
+    upload = (rng.integers(0, 4, size) * 0.5 + 3 * (rng.random(size) < 0.3)).astype(np.float32) + 160
+    u_shown, edge = rng.random(size) < 0.3, np.where(rng.random(size) < 0.3, 0.4, 1)
+    seeds = u_shown & (upload == 160.5)
+    u = np.where(seeds, upload, 100)
+    found = backend.choose(
+        *told(size, upload=upload, u=u, u_shown=u_shown, edge=edge, for_u=0, level=0.7), rule
+    )
+    walked = backend.reach(seeds, np.ones(size, bool), edge < 0.42, upload, rule.step)
+    assert (found == walked).all()
+    assert 0.2 < found.mean() < 0.98
+
+
+@EVERY_BACKEND
+def test_small_patches_are_dropped_however_well_they_compare(backend):
+    """Of up to so many pixels, cut out by steps of 1 px; both maps agree on them."""
+    upload = np.full(SIZE, 5.0)
+    upload[4:7, 8:12] = upload[12:15, 8:13] = upload[20:, 44:] = 6
+    for largest, dropped in (
+        (11, []),
+        (12, [np.s_[4:7, 8:12]]),
+        (15, [np.s_[4:7, 8:12], np.s_[12:15, 8:13]]),
+    ):
+        expected = np.ones(SIZE)
+        for part in dropped:
+            expected[part] = 0
+        found = backend.choose(*told(upload=upload, u=upload), RULE._replace(largest_patch=largest))
+        assert (found == expected).all()
+
+
+@EVERY_BACKEND
+def test_a_steep_slope_is_one_patch_and_stairs_are_many(backend):
+    """Each column differs from the next by over the step; a colour edge joins nothing."""
+    column = RULE._replace(largest_patch=SIZE[0])
+    for upload, share in ((1 + 0.9 * (X - 4).clip(0), 1), (50 + 2 * X, 0), (5 + 3 * (X % 2), 0)):
+        for edge in (1, 0.1):
+            facts = told(upload=upload, u=upload, edge=edge)
+            # The last column has no second difference along its rows, and joins whatever is beside it.
+            assert (backend.choose(*facts, column)[:, :-2] == share).all(), upload
