@@ -14,6 +14,7 @@ from stereomend.refinement.backends.base import (
     ChoiceRule,
     Grounds,
     Offer,
+    Plane,
     PollRule,
     Polls,
     Rivals,
