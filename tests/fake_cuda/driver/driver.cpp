@@ -12,8 +12,8 @@ std::string environment(const char* name, const char* otherwise) {
 }
 
 // "2" or "2:700"
-Planned planned(const std::string& text, int code) {
-    Planned plan{-1, code};
+Planned planned(const std::string& text, int code, int times) {
+    Planned plan{-1, code, times};
     if (text.empty()) return plan;
     plan.after = std::atoll(text.c_str());
     const size_t colon = text.find(':');
@@ -35,8 +35,8 @@ Driver::Driver() {
     }
     const auto mebibytes = std::strtoull(environment("FAKE_CUDA_MEMORY", "8192").c_str(), nullptr, 10);
     memory = std::make_unique<DeviceMemory>(mebibytes << 20);
-    failing_launch = planned(environment("FAKE_CUDA_FAIL_LAUNCH", ""), kLaunchFailed);
-    failing_allocation = planned(environment("FAKE_CUDA_FAIL_ALLOCATION", ""), kOutOfMemory);
+    failing_launch = planned(environment("FAKE_CUDA_FAIL_LAUNCH", ""), kLaunchFailed, 1);
+    failing_allocation = planned(environment("FAKE_CUDA_FAIL_ALLOCATION", ""), kOutOfMemory, kTries);
 }
 
 Driver& driver() {

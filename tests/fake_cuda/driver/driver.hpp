@@ -67,13 +67,21 @@ struct HostCounters {
     uint64_t unwritten_bytes_to_host = 0;
 };
 
-// A fault to come: `after` more calls succeed. Negative: none.
+// A fault to come: `after` more calls succeed, then `times` fail. Negative: none.
 struct Planned {
     int64_t after = -1;
     int code = kLaunchFailed;
+    int times = 1;
 
-    bool strikes() { return after >= 0 && after-- == 0; }
+    bool strikes() {
+        if (after < 0) return false;
+        if (after > 0) return --after, false;
+        if (--times == 0) after = -1;
+        return true;
+    }
 };
+
+constexpr int kTries = 2;  // PyCUDA collects garbage and asks again where it gets no memory
 
 struct Driver {
     Driver();

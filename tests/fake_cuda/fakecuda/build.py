@@ -1,6 +1,6 @@
 """Compiles the fake driver and the kernels of the tests, each once per state of their sources.
 
-`python tests/fake_cuda/build.py` prints the folder to put on LD_LIBRARY_PATH.
+`python tests/fake_cuda/fakecuda/build.py` prints the folder to put on LD_LIBRARY_PATH.
 """
 
 import hashlib
@@ -10,14 +10,12 @@ import subprocess
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-HERE = Path(__file__).parent
+HERE = Path(__file__).parents[1]
 CACHE = HERE.parents[1] / "build" / "fake_cuda"
 
 # No contraction: a fused multiply-add happens where the PTX says so, nowhere else.
-FLAGS = (
-    "-std=c++20 -O3 -march=native -ffp-contract=off -fno-math-errno -fno-trapping-math -fwrapv -fPIC "
-    "-fvisibility=hidden -Wall -Wextra"
-).split()
+FLAGS = ["-std=c++20", "-O3", "-march=native", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math"]
+FLAGS += ["-fwrapv", "-fPIC", "-fvisibility=hidden", "-Wall", "-Wextra"]
 ROUNDS = {"real_careful.cpp", "conversion.cpp"}  # they change the rounding mode
 
 
