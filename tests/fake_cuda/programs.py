@@ -29,13 +29,13 @@ class Outcome:
 
 
 @contextmanager
-def module(name: str) -> Iterator[Any]:
+def module(name: str, arch: str = "sm_80") -> Iterator[Any]:
     import pycuda.driver as cuda
 
     cuda.init()
     context = cuda.Device(0).make_context()
     try:
-        yield cuda.module_from_buffer(ptx_of(KERNELS / f"{name}.cu").read_bytes())
+        yield cuda.module_from_buffer(ptx_of(KERNELS / f"{name}.cu", arch=arch).read_bytes())
     finally:
         context.pop()
 
@@ -47,11 +47,12 @@ def launch(
     grid: tuple[int, ...] = (1,),
     block: tuple[int, ...] = (1,),
     shared: int = 0,
+    arch: str = "sm_80",
 ) -> Outcome:
     """One launch. Arrays are copied to the device and back."""
     import pycuda.driver as cuda
 
-    with module(file) as loaded:
+    with module(file, arch) as loaded:
         function = loaded.get_function(kernel)
         on_device = [placed(arg) for arg in args]
         function(*on_device, grid=grid, block=(*block, 1, 1)[:3], shared=shared)
@@ -84,6 +85,17 @@ def in_place(kernel: str, image: np.ndarray, steps: int) -> np.ndarray:
         grid = (-(-width // 8), -(-height // 8))
         loaded.get_function(kernel)(there, there, *numbers, grid=grid, block=(12, 12, 1))
         return np.asarray(cuda.from_device(there, image.shape, image.dtype))
+
+
+def half_written() -> HostCounters:
+    """Copies 64 floats to the host of which a kernel wrote the first 32."""
+    import pycuda.driver as cuda
+
+    with module("broken") as loaded:
+        x, y = cuda.to_device(np.ones(64, np.float32)), cuda.mem_alloc(256)
+        loaded.get_function("copy")(x, y, np.int32(32), grid=(1,), block=(64, 1, 1))
+        cuda.from_device(y, 64, np.float32)
+        return FakeDevice().host()
 
 
 def freed_memory() -> None:
@@ -237,5 +249,45 @@ def memory_management() -> dict[str, Any]:
         freed = cuda.mem_get_info()[0] - free_before
         filled = cuda.from_device(second, 16, np.int32)
         return {"row": row, "filled": filled, "elapsed": end.time_since(start), "freed": freed}
+    finally:
+        context.pop()
+
+
+SNIPPET = """.version 8.0
+.target sm_80
+.address_size 64
+.visible .entry snippet(.param .u64 in, .param .u64 out)
+{{
+.reg .b16 %h<9>; .reg .b32 %r<9>; .reg .f32 %f<9>; .reg .b64 %d<9>; .reg .f64 %g<9>; .reg .pred %p<9>;
+ld.param.u64 %d7, [in];
+ld.param.u64 %d8, [out];
+mov.u32 %r7, %tid.x;
+mul.wide.u32 %d6, %r7, 16;
+add.s64 %d7, %d7, %d6;
+add.s64 %d8, %d8, %d6;
+ld.global.v4.b32 {{%r1, %r2, %r3, %r4}}, [%d7];
+mov.b32 %r5, 0;
+mov.b64 %d1, {{%r1, %r2}};
+mov.b64 %d2, {{%r3, %r4}};
+mov.b64 %d3, 0;
+{body}
+mov.b64 {{%r6, %r8}}, %d3;
+st.global.v4.b32 [%d8], {{%r5, %r6, %r8, %r5}};
+ret;
+}}
+"""
+
+
+def snippet(body: str, inputs: np.ndarray) -> np.ndarray:
+    """Lines of PTX on four 32-bit integers a thread, %r1 to %r4, also %d1 and %d2; results %r5 and %d3."""
+    import pycuda.driver as cuda
+
+    cuda.init()
+    context = cuda.Device(0).make_context()
+    try:
+        function = cuda.module_from_buffer(SNIPPET.format(body=body).encode()).get_function("snippet")
+        there, out = cuda.to_device(inputs), cuda.mem_alloc(inputs.nbytes)
+        function(there, out, grid=(1,), block=(len(inputs), 1, 1))
+        return np.asarray(cuda.from_device(out, inputs.shape, inputs.dtype))
     finally:
         context.pop()

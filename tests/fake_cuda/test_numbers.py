@@ -6,7 +6,7 @@ from math import erf
 import numpy as np
 import pytest
 from fakecuda import run
-from programs import launch
+from programs import launch, snippet
 
 rng = np.random.default_rng(5)
 N = 640
@@ -141,3 +141,57 @@ def integer_results(a, b):
         ((v << 32 | u) << 11 >> 32) % 2**32, wide_quotient % 2**32, (u >> 5) & 0x3FF,
         (x & 0xFF00FF) | (~y & 0x00FF00), abs((x >> 4) - (y >> 4)) + 7,
     ]  # fmt: skip
+
+
+def signed(value, bits=32):
+    value %= 2**bits
+    return value - 2**bits if value >> (bits - 1) else value
+
+
+def bit_field(x, first, count):
+    return (x >> first) & ((1 << count) - 1)
+
+
+# Lines of PTX, and what they compute of a, b, c, d (32 bits each) in Python.
+SNIPPETS = {
+    "bfe.u32 %r5, %r1, 5, 9;": lambda a, b, c, d: bit_field(a, 5, 9),
+    "bfe.s32 %r5, %r1, 28, 9;": lambda a, b, c, d: signed(a) >> 28,
+    "bfe.u64 %d3, %d1, 20, 30;": lambda a, b, c, d: bit_field(b << 32 | a, 20, 30),
+    "bfi.b32 %r5, %r1, %r2, 8, 12;": lambda a, b, c, d: (b & ~(0xFFF << 8)) | bit_field(a, 0, 12) << 8,
+    "bfind.u32 %r5, %r1;": lambda a, b, c, d: a.bit_length() - 1,
+    "bfind.shiftamt.u32 %r5, %r1;": lambda a, b, c, d: 32 - a.bit_length(),
+    "popc.b64 %r5, %d1;": lambda a, b, c, d: (b << 32 | a).bit_count(),
+    "clz.b64 %r5, %d1;": lambda a, b, c, d: 64 - (b << 32 | a).bit_length(),
+    "lop3.b32 %r5, %r1, %r2, %r3, 0xE8;": lambda a, b, c, d: (a & b) | (a & c) | (b & c),
+    "shf.r.clamp.b32 %r5, %r1, %r2, 40;": lambda a, b, c, d: b,
+    "shf.l.wrap.b32 %r5, %r1, %r2, 40;": lambda a, b, c, d: (b << 32 | a) << 8 >> 32,
+    "shl.b32 %r5, %r1, 32;": lambda a, b, c, d: 0,
+    "shr.s32 %r5, %r1, 77;": lambda a, b, c, d: signed(a) >> 31,
+    "slct.b32.s32 %r5, %r1, %r2, %r3;": lambda a, b, c, d: a if signed(c) >= 0 else b,
+    "mad.hi.u32 %r5, %r1, %r2, %r3;": lambda a, b, c, d: (a * b >> 32) + c,
+    "mad.wide.s32 %d3, %r1, %r2, %d2;": lambda a, b, c, d: signed(a) * signed(b) + (d << 32 | c),
+    "mul.hi.u64 %d3, %d1, %d2;": lambda a, b, c, d: (b << 32 | a) * (d << 32 | c) >> 64,
+    "div.u64 %d3, %d1, %d2;": lambda a, b, c, d: (b << 32 | a) // (d << 32 | c),
+    "cnot.b32 %r5, %r1;": lambda a, b, c, d: 0,
+    "prmt.b32 %r5, %r1, %r2, 0x9999;": lambda a, b, c, d: 0xFFFFFFFF if a & 0x8000 else 0,
+    "setp.lt.s32 %p3, %r3, 0; setp.lo.or.u32 %p1, %r1, %r2, !%p3; selp.b32 %r5, 5, 6, %p1;": (
+        lambda a, b, c, d: 5 if a < b or signed(c) >= 0 else 6
+    ),
+    "setp.lt.s32 %p3, %r3, 0; setp.lt.xor.u32 %p1|%p2, %r1, %r2, %p3; selp.b32 %r5, 5, 6, %p2;": (
+        lambda a, b, c, d: 5 if (a >= b) != (signed(c) < 0) else 6
+    ),
+    "cvt.sat.s8.s32 %r5, %r1;": lambda a, b, c, d: max(-128, min(127, signed(a))),
+    "cvt.s32.s8 %r5, %r1;": lambda a, b, c, d: signed(a, 8),
+    "cvt.s64.s32 %d3, %r1;": lambda a, b, c, d: signed(a),
+    "cvt.u16.u32 %h1, %r1; mul.wide.u16 %r5, %h1, %h1;": lambda a, b, c, d: (a & 0xFFFF) ** 2,
+}
+
+
+@pytest.mark.parametrize("body", SNIPPETS)
+def test_an_instruction_against_unbounded_integers(body):
+    inputs = rng.integers(1, 2**32, (32, 4)).astype(np.uint32)
+    got = run(snippet, body=body, inputs=inputs)
+    wide = "%d3" in body
+    value = got[:, 1].astype(np.uint64) | got[:, 2].astype(np.uint64) << np.uint64(32) if wide else got[:, 0]
+    expected = [SNIPPETS[body](*map(int, row)) % 2 ** (64 if wide else 32) for row in inputs]
+    assert value.tolist() == expected

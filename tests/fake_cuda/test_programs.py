@@ -3,7 +3,7 @@
 import numpy as np
 import programs
 import pytest
-from fakecuda import run
+from fakecuda import ptx_of, run
 from programs import launch
 
 ORDERS = ["forward", "reverse", "shuffled:7"]
@@ -79,6 +79,28 @@ def test_steps_in_shared_memory_are_steps_of_the_whole_image(order, shape, steps
     got = run(launch, order=order, file="stencil", kernel="relax_right", args=args, grid=grid, block=(12, 12))
     np.testing.assert_allclose(got.arrays[1], relaxed(image.astype(np.float64), steps), rtol=0, atol=4e-6)
     assert got.host.unwritten_bytes_to_host == 0
+
+
+@pytest.mark.parametrize("arch", ["sm_75", "sm_90", "sm_120"])
+def test_what_the_compiler_makes_for_other_devices(arch):
+    image = floats(23, 37)
+    args = [image, np.zeros_like(image), *(np.int32(n) for n in (37, 23, 2))]
+    shape = {"grid": (5, 3), "block": (12, 12), "arch": arch, "env": {"FAKE_CUDA_ARCH": "120"}}
+    got = run(launch, file="stencil", kernel="relax_right", args=args, **shape)
+    np.testing.assert_allclose(got.arrays[1], relaxed(image.astype(np.float64), 2), rtol=0, atol=4e-6)
+
+
+@pytest.mark.parametrize("arch", ["sm_75", "sm_90", "sm_120"])
+@pytest.mark.parametrize("file", ["stencil", "numbers", "broken"])
+def test_modules_for_other_devices_are_understood(arch, file):
+    text = ptx_of(programs.KERNELS / f"{file}.cu", arch=arch).read_text()
+    run(programs.load, ptx=text, env={"FAKE_CUDA_ARCH": "120"})
+
+
+@pytest.mark.parametrize("option", ["-G", "-lineinfo", "-use_fast_math"])
+@pytest.mark.parametrize("file", ["basics", "numbers"])
+def test_modules_compiled_with_options_are_understood(option, file):
+    run(programs.load, ptx=ptx_of(programs.KERNELS / f"{file}.cu", option).read_text())
 
 
 def test_sums_with_shuffles_and_atomics(order):

@@ -40,8 +40,9 @@ std::string describe_shared(const Block& block, uint64_t address) {
     std::string where = in_hex(a.address);
     if (a.space == Space::global) where += ", " + memory.describe(a.address);
     if (a.space == Space::shared) where = describe_shared(w.block, a.address);
-    fail(w, lane, code, what + ": " + name_of(a.space) + (writes ? " write" : " read") + " of " +
-                            std::to_string(a.bytes) + " bytes at " + where);
+    fail(w, lane, code,
+         what + ": " + name_of(a.space) + (writes ? " write" : " read") + " of " + std::to_string(a.bytes) +
+             " bytes at " + where);
 }
 
 template <class T>
@@ -72,7 +73,8 @@ void check_state(Warp& w, int lane, const Access& a, Region& region, bool writes
 uint32_t word_bytes(const Access& a) { return a.bytes >= 4 ? 0xf : ((1u << a.bytes) - 1) << (a.address & 3); }
 
 void report_race(Warp& w, int lane, const Access& a, Race race, bool writes) {
-    report(w, lane, kLaunchFailed, a, race == Race::within_block ? "race within the block" : "race between blocks", writes);
+    report(w, lane, kLaunchFailed, a, race == Race::within_block ? "race within the block" : "race between blocks",
+           writes);
 }
 
 Visitor visitor_for(Warp& w, int lane, const Instruction& i, Space space) {
@@ -93,7 +95,8 @@ uint8_t* private_bytes(Warp& w, int lane, const Access& a, bool writes) {
     Launch& launch = w.block.launch;
     if (a.address & (a.bytes - 1)) report(w, lane, kMisaligned, a, "misaligned", writes);
     if (a.space == Space::param) {
-        if (writes || a.address + a.bytes > launch.params.size()) report(w, lane, kIllegalAddress, a, "out of bounds", writes);
+        if (writes || a.address + a.bytes > launch.params.size())
+            report(w, lane, kIllegalAddress, a, "out of bounds", writes);
         return const_cast<uint8_t*>(launch.params.data()) + a.address;
     }
     const auto& valid = launch.program.local_valid;
@@ -174,9 +177,27 @@ void take_address(Decoder& d, const Operand& operand) {
 void take_strength(Decoder& d) {
     for (const char* strong : {"volatile", "relaxed", "acquire", "release", "acq_rel", "mmio"})
         if (d.take(strong)) d.out.strong = true;
-    for (const char* other : {"weak", "cta", "gpu", "sys", "cluster", "ca", "cg", "cs", "lu", "cv", "wb", "wt", "nc",
-                              "L1::evict_normal", "L1::evict_unchanged", "L1::evict_first", "L1::evict_last",
-                              "L1::no_allocate", "L2::64B", "L2::128B", "L2::256B"})
+    for (const char* other : {"weak",
+                              "cta",
+                              "gpu",
+                              "sys",
+                              "cluster",
+                              "ca",
+                              "cg",
+                              "cs",
+                              "lu",
+                              "cv",
+                              "wb",
+                              "wt",
+                              "nc",
+                              "L1::evict_normal",
+                              "L1::evict_unchanged",
+                              "L1::evict_first",
+                              "L1::evict_last",
+                              "L1::no_allocate",
+                              "L2::64B",
+                              "L2::128B",
+                              "L2::256B"})
         d.take(other);
 }
 

@@ -12,9 +12,10 @@ namespace {
 // By the numbers of CUdevice_attribute; what is not here is 0.
 int attribute(const Driver& d, int which) {
     static const std::map<int, int> known = {
-        {1, 1024}, {2, 1024}, {3, 1024}, {4, 64}, {5, 2147483647}, {6, 65535}, {7, 65535}, {8, 49152}, {9, 65536},
-        {10, 32}, {11, 2147483647}, {12, 65536}, {13, 1000000}, {14, 512}, {15, 1}, {16, 30}, {31, 1}, {33, 1},
-        {36, 7000000}, {37, 256}, {38, 4194304}, {39, 1536}, {40, 2}, {41, 1}, {81, 102400}, {82, 65536}, {97, 101376}};
+        {1, 1024},  {2, 1024},  {3, 1024}, {4, 64},          {5, 2147483647}, {6, 65535},    {7, 65535},
+        {8, 49152}, {9, 65536}, {10, 32},  {11, 2147483647}, {12, 65536},     {13, 1000000}, {14, 512},
+        {15, 1},    {16, 30},   {31, 1},   {33, 1},          {36, 7000000},   {37, 256},     {38, 4194304},
+        {39, 1536}, {40, 2},    {41, 1},   {81, 102400},     {82, 65536},     {97, 101376}};
     if (which == 75) return d.arch / 10;
     if (which == 76) return d.arch % 10;
     const auto found = known.find(which);
@@ -53,16 +54,26 @@ bool is_context(Driver& d, Context* context) { return context == &d.primary || d
 
 const char* error_text(int code) {
     static const std::map<int, const char*> texts = {
-        {kSuccess, "no error"}, {kInvalidValue, "invalid argument"}, {kOutOfMemory, "out of memory"},
-        {kNotInitialised, "initialization error"}, {kNoDevice, "no CUDA-capable device is detected"},
-        {kInvalidDevice, "invalid device ordinal"}, {kInvalidContext, "invalid device context"},
+        {kSuccess, "no error"},
+        {kInvalidValue, "invalid argument"},
+        {kOutOfMemory, "out of memory"},
+        {kNotInitialised, "initialization error"},
+        {kNoDevice, "no CUDA-capable device is detected"},
+        {kInvalidDevice, "invalid device ordinal"},
+        {kInvalidContext, "invalid device context"},
         {kNoBinary, "no kernel image is available for execution on the device"},
-        {kInvalidPtx, "a PTX JIT compilation failed"}, {kFileNotFound, "file not found"},
-        {kInvalidHandle, "invalid resource handle"}, {kNotFound, "named symbol not found"},
-        {kNotReady, "device not ready"}, {kIllegalAddress, "an illegal memory access was encountered"},
-        {kOutOfResources, "too many resources requested for launch"}, {kTimeout, "the launch timed out and was terminated"},
-        {kAssert, "device-side assert triggered"}, {kMisaligned, "misaligned address"},
-        {kLaunchFailed, "unspecified launch failure"}, {kNotSupported, "operation not supported"}};
+        {kInvalidPtx, "a PTX JIT compilation failed"},
+        {kFileNotFound, "file not found"},
+        {kInvalidHandle, "invalid resource handle"},
+        {kNotFound, "named symbol not found"},
+        {kNotReady, "device not ready"},
+        {kIllegalAddress, "an illegal memory access was encountered"},
+        {kOutOfResources, "too many resources requested for launch"},
+        {kTimeout, "the launch timed out and was terminated"},
+        {kAssert, "device-side assert triggered"},
+        {kMisaligned, "misaligned address"},
+        {kLaunchFailed, "unspecified launch failure"},
+        {kNotSupported, "operation not supported"}};
     const auto found = texts.find(code);
     return found == texts.end() ? "unknown error" : found->second;
 }
@@ -76,12 +87,15 @@ FAKE_API cuInit(unsigned) {
     return kSuccess;
 }
 FAKE_API cuDriverGetVersion(int* version) { return *version = 13000, kSuccess; }
-FAKE_API cuDeviceGetCount(int* count) { return *count = driver().devices, driver().initialised ? kSuccess : kNotInitialised; }
+FAKE_API cuDeviceGetCount(int* count) {
+    return *count = driver().devices, driver().initialised ? kSuccess : kNotInitialised;
+}
 FAKE_API cuDeviceGet(int* device, int ordinal) {
     return with_device(ordinal, [&](Driver&) { return *device = ordinal, kSuccess; });
 }
 FAKE_API cuDeviceGetName(char* name, int size, int device) {
-    return with_device(device, [&](Driver&) { return std::snprintf(name, static_cast<size_t>(size), "Fake CUDA device"), kSuccess; });
+    return with_device(
+        device, [&](Driver&) { return std::snprintf(name, static_cast<size_t>(size), "Fake CUDA device"), kSuccess; });
 }
 FAKE_API cuDeviceGetAttribute(int* value, int which, int device) {
     return with_device(device, [&](Driver& d) { return *value = attribute(d, which), kSuccess; });
@@ -93,7 +107,8 @@ FAKE_API cuDeviceTotalMem_v2(size_t* bytes, int device) {
     return with_device(device, [&](Driver& d) { return *bytes = d.memory->capacity(), kSuccess; });
 }
 FAKE_API cuDeviceGetPCIBusId(char* id, int size, int device) {
-    return with_device(device, [&](Driver&) { return std::snprintf(id, static_cast<size_t>(size), "0000:01:00.0"), kSuccess; });
+    return with_device(device,
+                       [&](Driver&) { return std::snprintf(id, static_cast<size_t>(size), "0000:01:00.0"), kSuccess; });
 }
 FAKE_API cuDeviceGetByPCIBusId(int* device, const char* id) {
     return std::strcmp(id, "0000:01:00.0") == 0 ? (*device = 0, kSuccess) : kInvalidDevice;
@@ -145,7 +160,8 @@ FAKE_API cuDevicePrimaryCtxRetain(Context** context, int device) {
     return with_device(device, [&](Driver& d) { return ++d.primary.users, *context = &d.primary, kSuccess; });
 }
 FAKE_API cuDevicePrimaryCtxRelease_v2(int device) {
-    return with_device(device, [&](Driver& d) { return d.primary.users ? (--d.primary.users, kSuccess) : kInvalidContext; });
+    return with_device(device,
+                       [&](Driver& d) { return d.primary.users ? (--d.primary.users, kSuccess) : kInvalidContext; });
 }
 FAKE_API cuDevicePrimaryCtxRelease(int device) { return cuDevicePrimaryCtxRelease_v2(device); }
 
@@ -154,7 +170,8 @@ FAKE_API cuGetErrorString(int code, const char** text) {
     static thread_local std::string told;
     Driver& d = driver();
     told = error_text(code);
-    if (code && !d.message.empty() && (code == d.sticky || code == kInvalidPtx || code == kInvalidValue || code == kNoBinary))
+    if (code && !d.message.empty() &&
+        (code == d.sticky || code == kInvalidPtx || code == kInvalidValue || code == kNoBinary))
         told += " (" + d.message + ")";
     *text = told.c_str();
     return kSuccess;

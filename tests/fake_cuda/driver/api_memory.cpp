@@ -19,7 +19,9 @@ int allocate(Driver& d, Address* address, size_t bytes) {
     return kSuccess;
 }
 
-int outside(Driver& d, const char* what) { return d.reject(kInvalidValue, std::string(what) + " reaches beyond its allocation"); }
+int outside(Driver& d, const char* what) {
+    return d.reject(kInvalidValue, std::string(what) + " reaches beyond its allocation");
+}
 
 int to_device(Driver& d, Address to, const void* from, size_t bytes) {
     uint8_t* data = d.memory->view(to, bytes);
@@ -49,7 +51,9 @@ int on_device(Driver& d, Address to, Address from, size_t bytes) {
 int to_device_later(Driver& d, Address to, const void* from, size_t bytes) {
     if (!d.lazy || d.is_pinned(from, bytes)) return d.submit([=, &d] { return to_device(d, to, from, bytes); });
     const auto* start = static_cast<const uint8_t*>(from);
-    return d.submit([&d, to, bytes, copy = std::vector<uint8_t>(start, start + bytes)] { return to_device(d, to, copy.data(), bytes); });
+    return d.submit([&d, to, bytes, copy = std::vector<uint8_t>(start, start + bytes)] {
+        return to_device(d, to, copy.data(), bytes);
+    });
 }
 
 // Pageable memory is written before the call returns.
@@ -102,7 +106,8 @@ int copy_rows(Driver& d, const Copy2D& c) {
         const auto* host = static_cast<const uint8_t*>(c.src_host) + from;
         int result = kNotSupported;
         if (c.src_type == 1 && c.dst_type == 2) result = to_device(d, c.dst_device + to, host, c.width);
-        if (c.src_type == 2 && c.dst_type == 1) result = to_host(d, static_cast<uint8_t*>(c.dst_host) + to, c.src_device + from, c.width);
+        if (c.src_type == 2 && c.dst_type == 1)
+            result = to_host(d, static_cast<uint8_t*>(c.dst_host) + to, c.src_device + from, c.width);
         if (c.src_type == 2 && c.dst_type == 2) result = on_device(d, c.dst_device + to, c.src_device + from, c.width);
         if (result) return result;
     }
@@ -115,7 +120,8 @@ FAKE_API cuMemAlloc_v2(Address* address, size_t bytes) {
     return guarded([&](Driver& d) { return allocate(d, address, bytes); });
 }
 FAKE_API cuMemAllocPitch_v2(Address* address, size_t* pitch, size_t width, size_t height, unsigned) {
-    return guarded([&](Driver& d) { return *pitch = (width + 511) / 512 * 512, allocate(d, address, *pitch * height); });
+    return guarded(
+        [&](Driver& d) { return *pitch = (width + 511) / 512 * 512, allocate(d, address, *pitch * height); });
 }
 FAKE_API cuMemFree_v2(Address address) {
     return guarded([&](Driver& d) {
@@ -164,7 +170,8 @@ FAKE_API cuMemHostRegister_v2(void* host, size_t bytes, unsigned) {
     return guarded([&](Driver& d) { return d.pinned[reinterpret_cast<uint64_t>(host)] = bytes, kSuccess; });
 }
 FAKE_API cuMemHostUnregister(void* host) {
-    return guarded([&](Driver& d) { return d.pinned.erase(reinterpret_cast<uint64_t>(host)) ? d.drain() : kInvalidValue; });
+    return guarded(
+        [&](Driver& d) { return d.pinned.erase(reinterpret_cast<uint64_t>(host)) ? d.drain() : kInvalidValue; });
 }
 FAKE_API cuMemHostGetFlags(unsigned* flags, void*) { return *flags = 0, kSuccess; }
 
@@ -183,7 +190,9 @@ FAKE_API cuMemcpyHtoDAsync_v2(Address to, const void* from, size_t bytes, Stream
 FAKE_API cuMemcpyDtoHAsync_v2(void* to, Address from, size_t bytes, Stream*) {
     return guarded([&](Driver& d) { return to_host_later(d, to, from, bytes); });
 }
-FAKE_API cuMemcpyDtoDAsync_v2(Address to, Address from, size_t bytes, Stream*) { return cuMemcpyDtoD_v2(to, from, bytes); }
+FAKE_API cuMemcpyDtoDAsync_v2(Address to, Address from, size_t bytes, Stream*) {
+    return cuMemcpyDtoD_v2(to, from, bytes);
+}
 FAKE_API cuMemcpy2D_v2(const Copy2D* copy) {
     return guarded([&](Driver& d) { return after_all(d, [&] { return copy_rows(d, *copy); }); });
 }
@@ -198,18 +207,18 @@ FAKE_API cuMemcpy2DAsync_v2(const Copy2D* copy, Stream*) {
     });
 }
 
-#define FAKE_FILLS(BITS, TYPE)                                                                                         \
-    FAKE_API cuMemsetD##BITS##_v2(Address to, TYPE value, size_t count) {                                              \
-        return guarded([&](Driver& d) { return fill<TYPE>(d, to, 0, value, count, 1); });                              \
-    }                                                                                                                  \
-    FAKE_API cuMemsetD##BITS##Async(Address to, TYPE value, size_t count, Stream*) {                                   \
-        return guarded([&](Driver& d) { return fill<TYPE>(d, to, 0, value, count, 1); });                              \
-    }                                                                                                                  \
-    FAKE_API cuMemsetD2D##BITS##_v2(Address to, size_t pitch, TYPE value, size_t width, size_t height) {               \
-        return guarded([&](Driver& d) { return fill<TYPE>(d, to, pitch, value, width, height); });                     \
-    }                                                                                                                  \
-    FAKE_API cuMemsetD2D##BITS##Async(Address to, size_t pitch, TYPE value, size_t width, size_t height, Stream*) {    \
-        return guarded([&](Driver& d) { return fill<TYPE>(d, to, pitch, value, width, height); });                     \
+#define FAKE_FILLS(BITS, TYPE)                                                                                      \
+    FAKE_API cuMemsetD##BITS##_v2(Address to, TYPE value, size_t count) {                                           \
+        return guarded([&](Driver& d) { return fill<TYPE>(d, to, 0, value, count, 1); });                           \
+    }                                                                                                               \
+    FAKE_API cuMemsetD##BITS##Async(Address to, TYPE value, size_t count, Stream*) {                                \
+        return guarded([&](Driver& d) { return fill<TYPE>(d, to, 0, value, count, 1); });                           \
+    }                                                                                                               \
+    FAKE_API cuMemsetD2D##BITS##_v2(Address to, size_t pitch, TYPE value, size_t width, size_t height) {            \
+        return guarded([&](Driver& d) { return fill<TYPE>(d, to, pitch, value, width, height); });                  \
+    }                                                                                                               \
+    FAKE_API cuMemsetD2D##BITS##Async(Address to, size_t pitch, TYPE value, size_t width, size_t height, Stream*) { \
+        return guarded([&](Driver& d) { return fill<TYPE>(d, to, pitch, value, width, height); });                  \
     }
 FAKE_FILLS(8, unsigned char)
 FAKE_FILLS(16, unsigned short)

@@ -16,7 +16,11 @@ constexpr uint32_t kSharedOptIn = 101376;
 
 // An image is PTX if it reads like it; binaries cannot be run here.
 int load(Driver& d, Module** module, const char* image) {
-    if (std::strncmp(image, "\x7f" "ELF", 4) == 0 || std::memcmp(image, "\x50\xed\x55\xba", 4) == 0)
+    if (std::strncmp(image,
+                     "\x7f"
+                     "ELF",
+                     4) == 0 ||
+        std::memcmp(image, "\x50\xed\x55\xba", 4) == 0)
         return d.reject(kNoBinary, "only PTX can be run here, not machine code");
     auto loaded = std::make_unique<Module>();
     try {
@@ -25,7 +29,8 @@ int load(Driver& d, Module** module, const char* image) {
         return d.reject(kInvalidPtx, error.what());
     }
     if (loaded->program.arch > d.arch)
-        return d.reject(kNoBinary, "PTX for sm_" + std::to_string(loaded->program.arch) + " on a device of sm_" + std::to_string(d.arch));
+        return d.reject(kNoBinary, "PTX for sm_" + std::to_string(loaded->program.arch) + " on a device of sm_" +
+                                       std::to_string(d.arch));
     d.modules.insert(*module = loaded.release());
     return kSuccess;
 }
@@ -58,10 +63,12 @@ int check_shape(Driver& d, const Kernel& kernel, Dim3 grid, Dim3 block, uint32_t
     if (!grid.count() || !block.count()) return d.reject(kInvalidValue, "an empty grid or block");
     if (block.x > 1024 || block.y > 1024 || block.z > 64 || block.count() > 1024 || grid.y > 65535 || grid.z > 65535)
         return d.reject(kInvalidValue, "a grid or block beyond the limits");
-    if (block.count() > kernel.function->max_threads) return d.reject(kOutOfResources, "more threads than the kernel is bounded to");
+    if (block.count() > kernel.function->max_threads)
+        return d.reject(kOutOfResources, "more threads than the kernel is bounded to");
     const uint32_t fixed = static_shared(kernel);
     if (shared > kernel.dynamic_limit || fixed + shared > std::max(kSharedLimit, kernel.dynamic_limit + fixed))
-        return d.reject(kInvalidValue, "more shared memory than allowed: " + std::to_string(fixed) + " + " + std::to_string(shared) + " bytes");
+        return d.reject(kInvalidValue, "more shared memory than allowed: " + std::to_string(fixed) + " + " +
+                                           std::to_string(shared) + " bytes");
     return kSuccess;
 }
 
@@ -74,7 +81,8 @@ int check_pointers(Driver& d, const Function& f, const std::vector<uint8_t>& par
         uint64_t bytes;
         std::memcpy(&address, &params[f.params[k].offset], sizeof address);
         if (address && !d.memory->range_of(address, &start, &bytes))
-            return d.reject(kInvalidValue, "argument " + std::to_string(k) + " of " + f.name + " points to no allocation");
+            return d.reject(kInvalidValue,
+                            "argument " + std::to_string(k) + " of " + f.name + " points to no allocation");
     }
     return kSuccess;
 }
@@ -103,7 +111,17 @@ int gather(Driver& d, const Function& f, void** single, void** extra, std::vecto
 int run(Driver& d, const Kernel& kernel, Dim3 grid, Dim3 block, uint32_t shared, const std::vector<uint8_t>& params) {
     const std::string& name = kernel.function->name;
     if (d.failing_launch.strikes()) return d.break_down(d.failing_launch.code, "a planned fault: kernel " + name);
-    Launch launch{kernel.module->program, *kernel.function, grid, block, shared, params, *d.memory, d.shared, d.settings, &d.stamp, {}};
+    Launch launch{kernel.module->program,
+                  *kernel.function,
+                  grid,
+                  block,
+                  shared,
+                  params,
+                  *d.memory,
+                  d.shared,
+                  d.settings,
+                  &d.stamp,
+                  {}};
     int result = kSuccess;
     try {
         launch.run();
@@ -146,7 +164,10 @@ FAKE_API cuModuleUnload(Module* module) {
         if (!d.modules.erase(module)) return kInvalidHandle;
         for (const GlobalVariable& v : module->program.globals) d.memory->release(v.address);
         for (auto k = d.kernels.begin(); k != d.kernels.end();) {
-            if (k->first.first != module) { ++k; continue; }
+            if (k->first.first != module) {
+                ++k;
+                continue;
+            }
             d.kernel_handles.erase(k->second.get());
             k = d.kernels.erase(k);
         }
@@ -185,8 +206,16 @@ FAKE_API cuFuncGetAttribute(int* value, int which, Kernel* kernel) {
     return guarded([&](Driver& d) {
         if (!d.kernel_handles.count(kernel)) return kInvalidHandle;
         const auto local = static_cast<int>(kernel->module->program.local_valid.size());
-        const int values[] = {static_cast<int>(kernel->function->max_threads), static_cast<int>(static_shared(*kernel)), 0, local, 32,
-                              d.arch, d.arch, 0, static_cast<int>(kernel->dynamic_limit), -1};
+        const int values[] = {static_cast<int>(kernel->function->max_threads),
+                              static_cast<int>(static_shared(*kernel)),
+                              0,
+                              local,
+                              32,
+                              d.arch,
+                              d.arch,
+                              0,
+                              static_cast<int>(kernel->dynamic_limit),
+                              -1};
         if (which < 0 || which > 9) return kInvalidValue;
         return *value = values[which], kSuccess;
     });
@@ -205,8 +234,8 @@ FAKE_API cuFuncSetCacheConfig(Kernel*, int) { return kSuccess; }
 FAKE_API cuFuncSetSharedMemConfig(Kernel*, int) { return kSuccess; }
 FAKE_API cuFuncSetBlockShape(Kernel*, int, int, int) { return kSuccess; }  // PyCUDA calls it before every launch
 
-FAKE_API cuLaunchKernel(Kernel* kernel, unsigned gx, unsigned gy, unsigned gz, unsigned bx, unsigned by, unsigned bz, unsigned shared,
-                        Stream*, void** single, void** extra) {
+FAKE_API cuLaunchKernel(Kernel* kernel, unsigned gx, unsigned gy, unsigned gz, unsigned bx, unsigned by, unsigned bz,
+                        unsigned shared, Stream*, void** single, void** extra) {
     return guarded([&](Driver& d) {
         if (!d.kernel_handles.count(kernel)) return kInvalidHandle;
         const Dim3 grid{gx, gy, gz};

@@ -75,7 +75,9 @@ FAKE_API cuEventQuery(Event* event) {
     });
 }
 FAKE_API cuEventElapsedTime(float* milliseconds, Event* start, Event* end) { return elapsed(milliseconds, start, end); }
-FAKE_API cuEventElapsedTime_v2(float* milliseconds, Event* start, Event* end) { return elapsed(milliseconds, start, end); }
+FAKE_API cuEventElapsedTime_v2(float* milliseconds, Event* start, Event* end) {
+    return elapsed(milliseconds, start, end);
+}
 
 FAKE_API cuProfilerInitialize(const char*, const char*, int) { return kSuccess; }
 FAKE_API cuProfilerStart() { return kSuccess; }

@@ -42,7 +42,9 @@ FAKE_API fake_cuda_reset_counters() {
 FAKE_API fake_cuda_fail_launch(int64_t after, int code) { return driver().failing_launch = {after, code, 1}, kSuccess; }
 
 // The allocation after `after` others finds no memory.
-FAKE_API fake_cuda_fail_allocation(int64_t after) { return driver().failing_allocation = {after, kOutOfMemory, kTries}, kSuccess; }
+FAKE_API fake_cuda_fail_allocation(int64_t after) {
+    return driver().failing_allocation = {after, kOutOfMemory, kTries}, kSuccess;
+}
 
 // A new device: forgets a breakdown and what was planned.
 FAKE_API fake_cuda_repair() {

@@ -7,43 +7,63 @@ namespace {
 
 struct Add {
     template <class T>
-    static T of(T old, T a, T) { return static_cast<T>(old + a); }
+    static T of(T old, T a, T) {
+        return static_cast<T>(old + a);
+    }
 };
 struct Min {
     template <class T>
-    static T of(T old, T a, T) { return a < old ? a : old; }
+    static T of(T old, T a, T) {
+        return a < old ? a : old;
+    }
 };
 struct Max {
     template <class T>
-    static T of(T old, T a, T) { return old < a ? a : old; }
+    static T of(T old, T a, T) {
+        return old < a ? a : old;
+    }
 };
 struct And {
     template <class T>
-    static T of(T old, T a, T) { return old & a; }
+    static T of(T old, T a, T) {
+        return old & a;
+    }
 };
 struct Or {
     template <class T>
-    static T of(T old, T a, T) { return old | a; }
+    static T of(T old, T a, T) {
+        return old | a;
+    }
 };
 struct Xor {
     template <class T>
-    static T of(T old, T a, T) { return old ^ a; }
+    static T of(T old, T a, T) {
+        return old ^ a;
+    }
 };
 struct Exchange {
     template <class T>
-    static T of(T, T a, T) { return a; }
+    static T of(T, T a, T) {
+        return a;
+    }
 };
 struct CompareAndSwap {
     template <class T>
-    static T of(T old, T expected, T wanted) { return old == expected ? wanted : old; }
+    static T of(T old, T expected, T wanted) {
+        return old == expected ? wanted : old;
+    }
 };
 struct Inc {
     template <class T>
-    static T of(T old, T limit, T) { return old >= limit ? T{0} : static_cast<T>(old + 1); }
+    static T of(T old, T limit, T) {
+        return old >= limit ? T{0} : static_cast<T>(old + 1);
+    }
 };
 struct Dec {
     template <class T>
-    static T of(T old, T limit, T) { return old == 0 || old > limit ? limit : static_cast<T>(old - 1); }
+    static T of(T old, T limit, T) {
+        return old == 0 || old > limit ? limit : static_cast<T>(old - 1);
+    }
 };
 
 template <class Op, class T>

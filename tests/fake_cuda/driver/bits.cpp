@@ -9,31 +9,43 @@ namespace {
 
 struct And {
     template <class T>
-    static T of(T a, T b) { return a & b; }
+    static T of(T a, T b) {
+        return a & b;
+    }
 };
 struct Or {
     template <class T>
-    static T of(T a, T b) { return a | b; }
+    static T of(T a, T b) {
+        return a | b;
+    }
 };
 struct Xor {
     template <class T>
-    static T of(T a, T b) { return a ^ b; }
+    static T of(T a, T b) {
+        return a ^ b;
+    }
 };
 struct Not {
     template <class T>
-    static T of(T a) { return static_cast<T>(~a); }
+    static T of(T a) {
+        return static_cast<T>(~a);
+    }
 };
 struct NotPredicate {
     static uint8_t of(uint8_t a) { return a ^ 1; }
 };
 struct Cnot {
     template <class T>
-    static T of(T a) { return a == 0; }
+    static T of(T a) {
+        return a == 0;
+    }
 };
 // Shifts by the width or more leave nothing but the sign.
 struct ShiftLeft {
     template <class T>
-    static T of(T a, uint32_t n) { return n >= 8 * sizeof(T) ? T{0} : static_cast<T>(a << n); }
+    static T of(T a, uint32_t n) {
+        return n >= 8 * sizeof(T) ? T{0} : static_cast<T>(a << n);
+    }
 };
 struct ShiftRight {
     template <class T>
@@ -156,7 +168,8 @@ void decode_bfe(Decoder& d) {
     d.out.r[1] = d.source(1, type.bytes);
     d.out.r[2] = d.source(2, 4);
     d.out.r[3] = d.source(3, 4);
-    d.emit(with_integer(type, [](auto v) -> Run { return ternary<Bfe, decltype(v), decltype(v), uint32_t, uint32_t>; }));
+    d.emit(
+        with_integer(type, [](auto v) -> Run { return ternary<Bfe, decltype(v), decltype(v), uint32_t, uint32_t>; }));
 }
 
 // d = b with `count` bits of a from bit `from` on.
@@ -225,7 +238,9 @@ void add_bit_instructions(DecodeTable& table) {
         d.out.r[1] = d.source(1, type.bytes);
         d.emit(type.bytes == 4 ? Run(unary<Clz, uint32_t, uint32_t>) : Run(unary<Clz, uint32_t, uint64_t>));
     };
-    table["bfind"] = [](Decoder& d) { d.take("shiftamt") ? decode_count<Bfind<true>>(d) : decode_count<Bfind<false>>(d); };
+    table["bfind"] = [](Decoder& d) {
+        d.take("shiftamt") ? decode_count<Bfind<true>>(d) : decode_count<Bfind<false>>(d);
+    };
     table["brev"] = [](Decoder& d) {
         const Type type = d.take_type();
         same_type_operands(d, type, 1);

@@ -5,8 +5,7 @@
 
 namespace fake {
 
-Block::Block(Launch& launch)
-    : launch(launch), threads(static_cast<uint32_t>(launch.block.count())), visitor{} {
+Block::Block(Launch& launch) : launch(launch), threads(static_cast<uint32_t>(launch.block.count())), visitor{} {
     const Program& program = launch.program;
     const uint32_t warp_count = (threads + kLanes - 1) / kLanes;
     local.assign(uint64_t{threads} * program.local_valid.size(), 0);
@@ -21,8 +20,14 @@ Block::Block(Launch& launch)
     auto* frame = reinterpret_cast<uint8_t*>((reinterpret_cast<uint64_t>(frames.data()) + 63) / 64 * 64);
     for (uint32_t w = 0; w < warp_count; ++w) {
         const uint32_t lanes = std::min<uint32_t>(kLanes, threads - w * kLanes);
-        warps.push_back({*this, frame + uint64_t{w} * program.frame_bytes, w * kLanes,
-                         lanes == kLanes ? 0xffffffffu : (1u << lanes) - 1, 0, nullptr, {}, {}});
+        warps.push_back({*this,
+                         frame + uint64_t{w} * program.frame_bytes,
+                         w * kLanes,
+                         lanes == kLanes ? 0xffffffffu : (1u << lanes) - 1,
+                         0,
+                         nullptr,
+                         {},
+                         {}});
     }
     for (Warp& warp : warps) prepare_frame(warp);
 }
@@ -31,7 +36,8 @@ void Block::prepare_frame(Warp& warp) {
     for (const Function& f : launch.program.functions) {
         if (f.kernel && &f != &launch.kernel) continue;
         for (const Constant& c : f.constants)
-            for (int lane = 0; lane < kLanes; ++lane) std::memcpy(warp.frame + c.offset + lane * c.bytes, &c.bits, c.bytes);
+            for (int lane = 0; lane < kLanes; ++lane)
+                std::memcpy(warp.frame + c.offset + lane * c.bytes, &c.bits, c.bytes);
         for (const SpecialRegister& s : f.specials) fill_special(warp, s);
     }
 }
@@ -41,11 +47,32 @@ void Block::fill_special(Warp& warp, const SpecialRegister& special) {
     const auto warp_count = static_cast<uint32_t>(warps.size());
     for (uint32_t lane = 0; lane < kLanes; ++lane) {
         const uint32_t t = warp.first + lane;
-        const uint32_t values[] = {t % b.x, t / b.x % b.y, t / b.x / b.y, b.x, b.y, b.z, id.x, id.y, id.z,
-                                   launch.grid.x, launch.grid.y, launch.grid.z, lane, warp.first / kLanes, warp_count,
-                                   0, 1, 1u << lane, (1u << lane) - 1, (2u << lane) - 1, ~((2u << lane) - 1),
-                                   ~((1u << lane) - 1), launch.dynamic_shared,
-                                   launch.dynamic_shared + launch.program.shared_bytes, 0, 0};
+        const uint32_t values[] = {t % b.x,
+                                   t / b.x % b.y,
+                                   t / b.x / b.y,
+                                   b.x,
+                                   b.y,
+                                   b.z,
+                                   id.x,
+                                   id.y,
+                                   id.z,
+                                   launch.grid.x,
+                                   launch.grid.y,
+                                   launch.grid.z,
+                                   lane,
+                                   warp.first / kLanes,
+                                   warp_count,
+                                   0,
+                                   1,
+                                   1u << lane,
+                                   (1u << lane) - 1,
+                                   (2u << lane) - 1,
+                                   ~((2u << lane) - 1),
+                                   ~((1u << lane) - 1),
+                                   launch.dynamic_shared,
+                                   launch.dynamic_shared + launch.program.shared_bytes,
+                                   0,
+                                   0};
         warp.lanes<uint32_t>(special.offset)[lane] = values[static_cast<size_t>(special.which)];
     }
 }
@@ -109,8 +136,7 @@ bool Block::release_barrier() {
 void Block::pass(uint32_t barrier) {
     const auto waits = [&](Warp& warp, const Group& g) {
         const Instruction& i = launch.program.code[g.pc];
-        return g.state == Group::at_barrier &&
-               (warp.lanes<uint32_t>(i.r[1])[__builtin_ctz(g.mask)] & 15) == barrier;
+        return g.state == Group::at_barrier && (warp.lanes<uint32_t>(i.r[1])[__builtin_ctz(g.mask)] & 15) == barrier;
     };
     uint32_t votes = 0;
     uint32_t voters = 0;

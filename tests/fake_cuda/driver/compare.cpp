@@ -1,4 +1,7 @@
 // Comparisons into predicates, and choices by them.
+#include <cmath>
+#include <limits>
+
 #include "lanes.hpp"
 
 namespace fake {
@@ -6,66 +9,90 @@ namespace {
 
 struct Eq {
     template <class T>
-    static bool of(T a, T b) { return a == b; }
+    static bool of(T a, T b) {
+        return a == b;
+    }
 };
 struct Ne {
     template <class T>
-    static bool of(T a, T b) { return a < b || b < a; }
+    static bool of(T a, T b) {
+        return a < b || b < a;
+    }
 };
 struct Lt {
     template <class T>
-    static bool of(T a, T b) { return a < b; }
+    static bool of(T a, T b) {
+        return a < b;
+    }
 };
 struct Le {
     template <class T>
-    static bool of(T a, T b) { return a <= b; }
+    static bool of(T a, T b) {
+        return a <= b;
+    }
 };
 struct Gt {
     template <class T>
-    static bool of(T a, T b) { return a > b; }
+    static bool of(T a, T b) {
+        return a > b;
+    }
 };
 struct Ge {
     template <class T>
-    static bool of(T a, T b) { return a >= b; }
+    static bool of(T a, T b) {
+        return a >= b;
+    }
 };
 struct Num {
     template <class T>
-    static bool of(T a, T b) { return a == a && b == b; }
+    static bool of(T a, T b) {
+        return a == a && b == b;
+    }
 };
 // True where the opposite is false: also for NaN.
 template <class Opposite>
 struct Unordered {
     template <class T>
-    static bool of(T a, T b) { return !Opposite::of(a, b); }
+    static bool of(T a, T b) {
+        return !Opposite::of(a, b);
+    }
+};
+
+// Subnormals taken as zero.
+template <class Op>
+struct Flushing {
+    static float flushed(float a) { return std::fabs(a) < std::numeric_limits<float>::min() ? 0.0f : a; }
+    static bool of(float a, float b) { return Op::of(flushed(a), flushed(b)); }
 };
 
 template <class Op>
-Run compare(Type type) {
+Run compare(const Decoder& d, Type type) {
+    if (d.out.flushes) return binary<Flushing<Op>, uint8_t, float, float>;
     return with_number(type, [](auto v) -> Run { return binary<Op, uint8_t, decltype(v), decltype(v)>; });
 }
 
 Type without_sign(Type type) { return {type.kind == Kind::real ? Kind::real : Kind::natural, type.bytes}; }
 
 Run take_comparison(Decoder& d, Type type) {
-    if (d.take("eq")) return compare<Eq>(type);
-    if (d.take("ne")) return compare<Ne>(type);
-    if (d.take("lt")) return compare<Lt>(type);
-    if (d.take("le")) return compare<Le>(type);
-    if (d.take("gt")) return compare<Gt>(type);
-    if (d.take("ge")) return compare<Ge>(type);
-    if (d.take("lo")) return compare<Lt>(without_sign(type));
-    if (d.take("ls")) return compare<Le>(without_sign(type));
-    if (d.take("hi")) return compare<Gt>(without_sign(type));
-    if (d.take("hs")) return compare<Ge>(without_sign(type));
+    if (d.take("eq")) return compare<Eq>(d, type);
+    if (d.take("ne")) return compare<Ne>(d, type);
+    if (d.take("lt")) return compare<Lt>(d, type);
+    if (d.take("le")) return compare<Le>(d, type);
+    if (d.take("gt")) return compare<Gt>(d, type);
+    if (d.take("ge")) return compare<Ge>(d, type);
+    if (d.take("lo")) return compare<Lt>(d, without_sign(type));
+    if (d.take("ls")) return compare<Le>(d, without_sign(type));
+    if (d.take("hi")) return compare<Gt>(d, without_sign(type));
+    if (d.take("hs")) return compare<Ge>(d, without_sign(type));
     if (type.kind != Kind::real) return nullptr;
-    if (d.take("equ")) return compare<Unordered<Ne>>(type);
-    if (d.take("neu")) return compare<Unordered<Eq>>(type);
-    if (d.take("ltu")) return compare<Unordered<Ge>>(type);
-    if (d.take("leu")) return compare<Unordered<Gt>>(type);
-    if (d.take("gtu")) return compare<Unordered<Le>>(type);
-    if (d.take("geu")) return compare<Unordered<Lt>>(type);
-    if (d.take("num")) return compare<Num>(type);
-    if (d.take("nan")) return compare<Unordered<Num>>(type);
+    if (d.take("equ")) return compare<Unordered<Ne>>(d, type);
+    if (d.take("neu")) return compare<Unordered<Eq>>(d, type);
+    if (d.take("ltu")) return compare<Unordered<Ge>>(d, type);
+    if (d.take("leu")) return compare<Unordered<Gt>>(d, type);
+    if (d.take("gtu")) return compare<Unordered<Le>>(d, type);
+    if (d.take("geu")) return compare<Unordered<Lt>>(d, type);
+    if (d.take("num")) return compare<Num>(d, type);
+    if (d.take("nan")) return compare<Unordered<Num>>(d, type);
     return nullptr;
 }
 
@@ -106,7 +133,8 @@ void emit_combined(Decoder& d, uint32_t target, uint32_t found, Run combine, uin
 // setp.CMP[.BOOL] p[|q], a, b[, c]: p = (a CMP b) BOOL c, q = !(a CMP b) BOOL c.
 void decode_setp(Decoder& d) {
     const Type type = d.take_type();
-    if (d.take("ftz")) d.reject("comparisons that flush subnormals are not known");
+    d.out.flushes = d.take("ftz");
+    if (d.out.flushes && (type.kind != Kind::real || type.bytes != 4)) d.reject("'ftz' is for f32");
     const Run combine = take_combination(d);
     const Run run = take_comparison(d, type);
     const bool pair = d.operand(0).paired;

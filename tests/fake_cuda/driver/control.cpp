@@ -129,7 +129,10 @@ void add_control_instructions(DecodeTable& table) {
     table["trap"] = [](Decoder& d) { d.emit(run_trap); };
     table["bar"] = decode_barrier;
     table["barrier"] = decode_barrier;
-    table["nanosleep"] = [](Decoder& d) { d.take_type(); d.emit(run_nothing); };
+    table["nanosleep"] = [](Decoder& d) {
+        d.take_type();
+        d.emit(run_nothing);
+    };
 }
 
 }  // namespace fake

@@ -52,7 +52,8 @@ D converted(S a, const Instruction& i) {
     } else {
         D result;
         if constexpr (std::is_integral_v<S>) result = static_cast<D>(a);
-        else if (i.offset) result = static_cast<D>(rounded(static_cast<double>(i.flushes ? flushed(a) : a), i.rounding));
+        else if (i.offset)
+            result = static_cast<D>(rounded(static_cast<double>(i.flushes ? flushed(a) : a), i.rounding));
         else result = static_cast<D>(i.flushes ? flushed(a) : a);
         if (i.flushes) result = flushed(result);
         if (i.saturates) result = !(result > D{0}) ? D{0} : (result < D{1} ? result : D{1});

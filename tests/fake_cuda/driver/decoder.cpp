@@ -67,17 +67,31 @@ uint32_t Builder::constant(uint8_t bytes, uint64_t bits) {
 }
 
 uint32_t Builder::special(const std::string& name) {
-    static const std::map<std::string, Special> names = {
-        {"%tid.x", Special::tid_x}, {"%tid.y", Special::tid_y}, {"%tid.z", Special::tid_z},
-        {"%ntid.x", Special::ntid_x}, {"%ntid.y", Special::ntid_y}, {"%ntid.z", Special::ntid_z},
-        {"%ctaid.x", Special::ctaid_x}, {"%ctaid.y", Special::ctaid_y}, {"%ctaid.z", Special::ctaid_z},
-        {"%nctaid.x", Special::nctaid_x}, {"%nctaid.y", Special::nctaid_y}, {"%nctaid.z", Special::nctaid_z},
-        {"%laneid", Special::laneid}, {"%warpid", Special::warpid}, {"%nwarpid", Special::nwarpid},
-        {"%smid", Special::smid}, {"%nsmid", Special::nsmid}, {"%lanemask_eq", Special::lanemask_eq},
-        {"%lanemask_lt", Special::lanemask_lt}, {"%lanemask_le", Special::lanemask_le},
-        {"%lanemask_gt", Special::lanemask_gt}, {"%lanemask_ge", Special::lanemask_ge},
-        {"%dynamic_smem_size", Special::dynamic_smem_size}, {"%total_smem_size", Special::total_smem_size},
-        {"%gridid", Special::gridid}};
+    static const std::map<std::string, Special> names = {{"%tid.x", Special::tid_x},
+                                                         {"%tid.y", Special::tid_y},
+                                                         {"%tid.z", Special::tid_z},
+                                                         {"%ntid.x", Special::ntid_x},
+                                                         {"%ntid.y", Special::ntid_y},
+                                                         {"%ntid.z", Special::ntid_z},
+                                                         {"%ctaid.x", Special::ctaid_x},
+                                                         {"%ctaid.y", Special::ctaid_y},
+                                                         {"%ctaid.z", Special::ctaid_z},
+                                                         {"%nctaid.x", Special::nctaid_x},
+                                                         {"%nctaid.y", Special::nctaid_y},
+                                                         {"%nctaid.z", Special::nctaid_z},
+                                                         {"%laneid", Special::laneid},
+                                                         {"%warpid", Special::warpid},
+                                                         {"%nwarpid", Special::nwarpid},
+                                                         {"%smid", Special::smid},
+                                                         {"%nsmid", Special::nsmid},
+                                                         {"%lanemask_eq", Special::lanemask_eq},
+                                                         {"%lanemask_lt", Special::lanemask_lt},
+                                                         {"%lanemask_le", Special::lanemask_le},
+                                                         {"%lanemask_gt", Special::lanemask_gt},
+                                                         {"%lanemask_ge", Special::lanemask_ge},
+                                                         {"%dynamic_smem_size", Special::dynamic_smem_size},
+                                                         {"%total_smem_size", Special::total_smem_size},
+                                                         {"%gridid", Special::gridid}};
     const auto found = names.find(name);
     if (found == names.end()) return kNowhere;
     for (const SpecialRegister& s : function().specials)

@@ -6,10 +6,10 @@ namespace fake {
 const DecodeTable& instructions() {
     static const DecodeTable table = [] {
         DecodeTable t;
-        for (auto add : {add_integer_instructions, add_bit_instructions, add_float_instructions,
-                         add_compare_instructions, add_conversion_instructions, add_memory_instructions,
-                         add_move_instructions, add_atomic_instructions, add_control_instructions,
-                         add_warp_instructions})
+        for (auto add :
+             {add_integer_instructions, add_bit_instructions, add_float_instructions, add_compare_instructions,
+              add_conversion_instructions, add_memory_instructions, add_move_instructions, add_atomic_instructions,
+              add_control_instructions, add_warp_instructions})
             add(t);
         return t;
     }();
@@ -174,7 +174,8 @@ class FunctionParser {
             if (!s.operands.back().paired && !reader_.accept(",") && !reader_.at(";")) reader_.reject_word();
         }
         const auto decode = instructions().find(s.opcode);
-        if (decode == instructions().end()) throw SyntaxError(s.line, "the instruction '" + s.opcode + "' is not known");
+        if (decode == instructions().end())
+            throw SyntaxError(s.line, "the instruction '" + s.opcode + "' is not known");
         Decoder decoder(*builder_, s);
         decode->second(decoder);
     }

@@ -80,9 +80,32 @@ struct Param {
 };
 
 enum class Special : uint8_t {
-    tid_x, tid_y, tid_z, ntid_x, ntid_y, ntid_z, ctaid_x, ctaid_y, ctaid_z, nctaid_x, nctaid_y, nctaid_z,
-    laneid, warpid, nwarpid, smid, nsmid, lanemask_eq, lanemask_lt, lanemask_le, lanemask_gt, lanemask_ge,
-    dynamic_smem_size, total_smem_size, gridid, clock
+    tid_x,
+    tid_y,
+    tid_z,
+    ntid_x,
+    ntid_y,
+    ntid_z,
+    ctaid_x,
+    ctaid_y,
+    ctaid_z,
+    nctaid_x,
+    nctaid_y,
+    nctaid_z,
+    laneid,
+    warpid,
+    nwarpid,
+    smid,
+    nsmid,
+    lanemask_eq,
+    lanemask_lt,
+    lanemask_le,
+    lanemask_gt,
+    lanemask_ge,
+    dynamic_smem_size,
+    total_smem_size,
+    gridid,
+    clock
 };
 
 struct SpecialRegister {
@@ -112,7 +135,7 @@ struct Function {
     uint32_t return_register = kNowhere;
     uint32_t param_bytes = 0;
     uint32_t max_threads = 1024;
-    std::vector<Param> params;   // of a device function: offsets into local memory
+    std::vector<Param> params;  // of a device function: offsets into local memory
     std::vector<Param> results;
     std::vector<Constant> constants;
     std::vector<SpecialRegister> specials;

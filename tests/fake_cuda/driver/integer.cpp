@@ -14,15 +14,21 @@ uint64_t wide(T a) {
 
 struct Add {
     template <class T>
-    static T of(T a, T b) { return static_cast<T>(wide(a) + wide(b)); }
+    static T of(T a, T b) {
+        return static_cast<T>(wide(a) + wide(b));
+    }
 };
 struct Sub {
     template <class T>
-    static T of(T a, T b) { return static_cast<T>(wide(a) - wide(b)); }
+    static T of(T a, T b) {
+        return static_cast<T>(wide(a) - wide(b));
+    }
 };
 struct MulLow {
     template <class T>
-    static T of(T a, T b) { return static_cast<T>(wide(a) * wide(b)); }
+    static T of(T a, T b) {
+        return static_cast<T>(wide(a) * wide(b));
+    }
 };
 struct MulHigh {
     template <class T>
@@ -34,20 +40,28 @@ struct MulHigh {
 template <class D>
 struct MulWide {
     template <class T>
-    static D of(T a, T b) { return static_cast<D>(static_cast<D>(a) * static_cast<D>(b)); }
+    static D of(T a, T b) {
+        return static_cast<D>(static_cast<D>(a) * static_cast<D>(b));
+    }
 };
 struct MadLow {
     template <class T>
-    static T of(T a, T b, T c) { return Add::of(MulLow::of(a, b), c); }
+    static T of(T a, T b, T c) {
+        return Add::of(MulLow::of(a, b), c);
+    }
 };
 struct MadHigh {
     template <class T>
-    static T of(T a, T b, T c) { return Add::of(MulHigh::of(a, b), c); }
+    static T of(T a, T b, T c) {
+        return Add::of(MulHigh::of(a, b), c);
+    }
 };
 template <class D>
 struct MadWide {
     template <class T>
-    static D of(T a, T b, D c) { return Add::of(MulWide<D>::of(a, b), c); }
+    static D of(T a, T b, D c) {
+        return Add::of(MulWide<D>::of(a, b), c);
+    }
 };
 
 // What the hardware leaves where the result has no meaning: all bits set.
@@ -69,23 +83,33 @@ struct Rem {
 };
 struct Min {
     template <class T>
-    static T of(T a, T b) { return b < a ? b : a; }
+    static T of(T a, T b) {
+        return b < a ? b : a;
+    }
 };
 struct Max {
     template <class T>
-    static T of(T a, T b) { return a < b ? b : a; }
+    static T of(T a, T b) {
+        return a < b ? b : a;
+    }
 };
 struct Abs {
     template <class T>
-    static T of(T a) { return a < 0 ? Sub::of(T{0}, a) : a; }
+    static T of(T a) {
+        return a < 0 ? Sub::of(T{0}, a) : a;
+    }
 };
 struct Neg {
     template <class T>
-    static T of(T a) { return Sub::of(T{0}, a); }
+    static T of(T a) {
+        return Sub::of(T{0}, a);
+    }
 };
 struct Sad {
     template <class T>
-    static T of(T a, T b, T c) { return Add::of(a < b ? Sub::of(b, a) : Sub::of(a, b), c); }
+    static T of(T a, T b, T c) {
+        return Add::of(a < b ? Sub::of(b, a) : Sub::of(a, b), c);
+    }
 };
 
 template <class Op>
@@ -98,8 +122,8 @@ Run pick2(Type type) {
 }
 template <class Op>
 Run pick3(Type type) {
-    return with_integer(
-        type, [](auto v) -> Run { return ternary<Op, decltype(v), decltype(v), decltype(v), decltype(v)>; });
+    return with_integer(type,
+                        [](auto v) -> Run { return ternary<Op, decltype(v), decltype(v), decltype(v), decltype(v)>; });
 }
 
 template <class Op>

@@ -71,7 +71,10 @@ struct Warp {
     size_t choose() const;
     void run_group(size_t g);
     bool flow(const Instruction& i, Group& g, uint32_t mask);
-    void split(Group& g, const uint32_t* targets, uint32_t mask);
+    bool branch(const Instruction& i, Group& g, uint32_t mask);
+    bool meet(const Instruction& i, Group& g, uint32_t mask);
+    void jump_by_table(const Instruction& i, uint32_t mask);
+    void split(const uint32_t* targets, uint32_t mask);
     void call(const Instruction& i, Group& g, uint32_t mask);
     void join();
     bool unblock_meeting();

@@ -62,8 +62,8 @@ void take_elements(Decoder& d, const Operand& operand, Type type, bool loads) {
 }
 
 void decode_access(Decoder& d, bool loads) {
-    d.out.uncounted = std::find(d.statement.modifiers.begin(), d.statement.modifiers.end(), "const") !=
-                      d.statement.modifiers.end();
+    d.out.uncounted =
+        std::find(d.statement.modifiers.begin(), d.statement.modifiers.end(), "const") != d.statement.modifiers.end();
     take_strength(d);
     d.out.space = d.take_space();
     d.out.count = d.take("v4") ? 4 : d.take("v2") ? 2 : 1;
@@ -84,7 +84,8 @@ void add_memory_instructions(DecodeTable& table) {
     table["ldu"] = table["ld"];
     table["st"] = [](Decoder& d) { decode_access(d, false); };
     const Decode order = [](Decoder& d) {
-        for (const char* scope : {"gl", "cta", "sys", "gpu", "cluster", "sc", "acq_rel", "acquire", "release"}) d.take(scope);
+        for (const char* scope : {"gl", "cta", "sys", "gpu", "cluster", "sc", "acq_rel", "acquire", "release"})
+            d.take(scope);
         d.emit(run_nothing);
     };
     table["membar"] = order;

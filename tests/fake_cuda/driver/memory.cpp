@@ -16,8 +16,8 @@ constexpr uint64_t kRedZone = 512;
 
 template <class T>
 T* reserve(uint64_t count) {
-    void* memory = mmap(nullptr, count * sizeof(T), PROT_READ | PROT_WRITE,
-                        MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
+    void* memory =
+        mmap(nullptr, count * sizeof(T), PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
     if (memory == MAP_FAILED) throw std::bad_alloc();
     return static_cast<T*>(memory);
 }
@@ -141,8 +141,8 @@ std::string DeviceMemory::describe(uint64_t address) const {
                    std::to_string(before->second) + " bytes";
     }
     if (after == live_.end()) return "outside of every allocation";
-    return std::to_string(after->first - address) + " bytes before an allocation of " +
-           std::to_string(after->second) + " bytes";
+    return std::to_string(after->first - address) + " bytes before an allocation of " + std::to_string(after->second) +
+           " bytes";
 }
 
 }  // namespace fake

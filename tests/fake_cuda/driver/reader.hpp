@@ -71,7 +71,8 @@ class Reader {
             else if (word.is(".v4")) elements = 4;
             else if (word.is(".ptr")) d.pointer = true;
             else if (d.pointer && (word.is(".global") || word.is(".const") || word.is(".shared"))) continue;
-            else if (!parse_type(word.text_.substr(1), &d.type)) throw SyntaxError(word.line, "'" + word.text_ + "' is not known here");
+            else if (!parse_type(word.text_.substr(1), &d.type))
+                throw SyntaxError(word.line, "'" + word.text_ + "' is not known here");
         }
         d.name = next().text_;
         d.bytes = elements * d.type.bytes;

@@ -104,27 +104,39 @@ void decode_only_real(Decoder& d) {
 
 struct IsFinite {
     template <class T>
-    static bool of(T a) { return std::isfinite(a); }
+    static bool of(T a) {
+        return std::isfinite(a);
+    }
 };
 struct IsInfinite {
     template <class T>
-    static bool of(T a) { return std::isinf(a); }
+    static bool of(T a) {
+        return std::isinf(a);
+    }
 };
 struct IsNan {
     template <class T>
-    static bool of(T a) { return a != a; }
+    static bool of(T a) {
+        return a != a;
+    }
 };
 struct IsNumber {
     template <class T>
-    static bool of(T a) { return a == a; }
+    static bool of(T a) {
+        return a == a;
+    }
 };
 struct IsNormal {
     template <class T>
-    static bool of(T a) { return std::isnormal(a); }
+    static bool of(T a) {
+        return std::isnormal(a);
+    }
 };
 struct IsSubnormal {
     template <class T>
-    static bool of(T a) { return a != 0 && std::fpclassify(a) == FP_SUBNORMAL; }
+    static bool of(T a) {
+        return a != 0 && std::fpclassify(a) == FP_SUBNORMAL;
+    }
 };
 
 template <class Op>

@@ -29,8 +29,8 @@ struct Statement {
 // What a name stands for.
 struct Symbol {
     enum Form { reg, global, shared, local, kernel_param } form;
-    uint8_t bytes = 0;    // of a register
-    uint64_t where = 0;   // offset in its space, or the address in global memory
+    uint8_t bytes = 0;   // of a register
+    uint64_t where = 0;  // offset in its space, or the address in global memory
     uint64_t size = 0;
 };
 

@@ -44,7 +44,8 @@ void Warp::run() {
 void Warp::join() {
     for (size_t a = 0; a < groups.size(); ++a)
         for (size_t b = groups.size(); b-- > a + 1;) {
-            if (groups[a].pc != groups[b].pc || (groups[a].state == Group::at_barrier) != (groups[b].state == Group::at_barrier))
+            if (groups[a].pc != groups[b].pc ||
+                (groups[a].state == Group::at_barrier) != (groups[b].state == Group::at_barrier))
                 continue;
             groups[a].mask |= groups[b].mask;
             if (groups[b].state != groups[a].state) groups[a].state = Group::ready;
@@ -80,70 +81,72 @@ void Warp::run_group(size_t index) {
     groups.push_back(g);
 }
 
-// False if the group was put aside or has left.
-bool Warp::flow(const Instruction& i, Group& g, uint32_t mask) {
-    const uint32_t rest = g.mask & ~mask;
-    if (i.flow == Flow::branch) {
-        if (!rest) g.pc = i.target;
-        else {
-            if (mask) groups.push_back({i.target, mask});
-            ++g.pc;
-            g.mask = rest;
-            if (mask) groups.push_back(g);
-            return !mask;
-        }
+bool Warp::branch(const Instruction& i, Group& g, uint32_t mask) {
+    if (mask == g.mask) {
+        g.pc = i.target;
         return true;
     }
-    if (i.flow == Flow::meet) {
-        if (!mask) return ++g.pc, true;
-        const uint32_t member = lanes<uint32_t>(i.r[4])[__builtin_ctz(mask)] & exists;
-        uint32_t alive = mask;
-        for (const Group& other : groups) alive |= other.mask;
-        if (mask & ~member) fail(*this, __builtin_ctz(mask & ~member), kLaunchFailed, "a thread that the member mask leaves out");
-        if (member & alive & ~mask) {
-            g.state = Group::meeting;
-            groups.push_back(g);
-            return false;
-        }
-        i.run(*this, i, mask);
-        return ++g.pc, true;
+    if (!mask) return ++g.pc, true;
+    groups.push_back({i.target, mask});
+    groups.push_back({g.pc + 1, g.mask & ~mask});
+    return false;
+}
+
+// Waits until all lanes of the member mask that have not left are here.
+bool Warp::meet(const Instruction& i, Group& g, uint32_t mask) {
+    if (!mask) return ++g.pc, true;
+    const uint32_t member = lanes<uint32_t>(i.r[4])[__builtin_ctz(mask)] & exists;
+    uint32_t alive = g.mask;
+    for (const Group& other : groups) alive |= other.mask;
+    if (mask & ~member)
+        fail(*this, __builtin_ctz(mask & ~member), kLaunchFailed, "a thread that the member mask leaves out");
+    if (member & alive & ~mask) {
+        g.state = Group::meeting;
+        groups.push_back(g);
+        return false;
     }
-    if (rest) {  // only some lanes call, return, leave or wait
-        groups.push_back({g.pc + 1, rest});
-        g.mask = mask;
-    }
+    i.run(*this, i, mask);
+    return ++g.pc, true;
+}
+
+void Warp::jump_by_table(const Instruction& i, uint32_t mask) {
+    uint32_t targets[kLanes];
+    const auto& table = block.launch.program.functions[i.target].tables[static_cast<size_t>(i.offset)];
+    for_lanes(*this, mask, [&](int lane) {
+        const uint32_t index = lanes<uint32_t>(i.r[1])[lane];
+        if (index >= table.size()) fail(*this, lane, kLaunchFailed, "an indexed branch outside of its table");
+        targets[lane] = table[index];
+    });
+    split(targets, mask);
+}
+
+// False if the group was put aside or has left.
+bool Warp::flow(const Instruction& i, Group& g, uint32_t mask) {
+    if (i.flow == Flow::branch) return branch(i, g, mask);
+    if (i.flow == Flow::meet) return meet(i, g, mask);
+    const uint32_t rest = g.mask & ~mask;  // does not call, return, leave or wait
+    if (rest) groups.push_back({g.pc + 1, rest});
     if (!mask) return false;
+    g.mask = mask;
     switch (i.flow) {
-        case Flow::leave: return false;
+        case Flow::leave: break;
         case Flow::barrier:
             g.state = Group::at_barrier;
             groups.push_back(g);
-            return false;
-        case Flow::call: call(i, g, mask); return rest == 0 || (groups.push_back(g), false);
-        case Flow::ret: {
-            uint32_t targets[kLanes];
-            const auto owner = static_cast<uint32_t>(i.target);
-            const uint32_t* back = lanes<uint32_t>(block.launch.program.functions[owner].return_register);
-            std::memcpy(targets, back, sizeof targets);
-            split(g, targets, mask);
-            return false;
-        }
-        case Flow::table: {
-            uint32_t targets[kLanes];
-            for_lanes(*this, mask, [&](int lane) {
-                const auto& table = block.launch.program.functions[i.target].tables[static_cast<size_t>(i.offset)];
-                const uint32_t index = lanes<uint32_t>(i.r[1])[lane];
-                if (index >= table.size()) fail(*this, lane, kLaunchFailed, "an indexed branch outside of its table");
-                targets[lane] = table[index];
-            });
-            split(g, targets, mask);
-            return false;
-        }
+            break;
+        case Flow::call:
+            call(i, g, mask);
+            groups.push_back(g);
+            break;
+        case Flow::ret: split(lanes<uint32_t>(block.launch.program.functions[i.target].return_register), mask); break;
+        case Flow::table: jump_by_table(i, mask); break;
         default: fail(*this, __builtin_ctz(mask), kLaunchFailed, "an instruction without meaning");
     }
+    return false;
 }
 
-void Warp::split(Group& g, const uint32_t* targets, uint32_t mask) {
+// Each lane goes to its own target.
+void Warp::split(const uint32_t* targets, uint32_t mask) {
     while (mask) {
         const uint32_t target = targets[__builtin_ctz(mask)];
         uint32_t same = 0;
@@ -152,7 +155,6 @@ void Warp::split(Group& g, const uint32_t* targets, uint32_t mask) {
         groups.push_back({target, same});
         mask &= ~same;
     }
-    g.mask = 0;
 }
 
 // Arguments are copied in here; results are copied out by the instruction after the call.

@@ -67,7 +67,9 @@ void give_all(Warp& w, const Instruction& i, uint32_t mask, F value) {
 
 void run_ballot(Warp& w, const Instruction& i, uint32_t mask) { give_all<uint32_t>(w, i, mask, votes_of(w, i, mask)); }
 void run_any(Warp& w, const Instruction& i, uint32_t mask) { give_all<uint8_t>(w, i, mask, votes_of(w, i, mask) != 0); }
-void run_all(Warp& w, const Instruction& i, uint32_t mask) { give_all<uint8_t>(w, i, mask, votes_of(w, i, mask) == mask); }
+void run_all(Warp& w, const Instruction& i, uint32_t mask) {
+    give_all<uint8_t>(w, i, mask, votes_of(w, i, mask) == mask);
+}
 void run_uniform(Warp& w, const Instruction& i, uint32_t mask) {
     const uint32_t votes = votes_of(w, i, mask);
     give_all<uint8_t>(w, i, mask, votes == 0 || votes == mask);
@@ -76,7 +78,11 @@ void run_uniform(Warp& w, const Instruction& i, uint32_t mask) {
 void decode_vote(Decoder& d) {
     d.out.flow = Flow::meet;
     if (!d.take("sync")) d.reject("votes without a member mask are not known");
-    const Run run = d.take("ballot") ? run_ballot : d.take("any") ? run_any : d.take("all") ? run_all : d.take("uni") ? run_uniform : nullptr;
+    const Run run = d.take("ballot") ? run_ballot
+                    : d.take("any")  ? run_any
+                    : d.take("all")  ? run_all
+                    : d.take("uni")  ? run_uniform
+                                     : nullptr;
     if (!run) d.reject("this vote is not known");
     const Type type = d.take_type();
     d.out.r[0] = d.target(0, type.bytes);
@@ -118,12 +124,24 @@ void reduce(Warp& w, const Instruction& i, uint32_t mask, F combine) {
 
 template <class T>
 Run take_reduction(Decoder& d) {
-    if (d.take("add")) return [](Warp& w, const Instruction& i, uint32_t m) { reduce<uint32_t>(w, i, m, [](auto a, auto b) { return a + b; }); };
-    if (d.take("min")) return [](Warp& w, const Instruction& i, uint32_t m) { reduce<T>(w, i, m, [](T a, T b) { return b < a ? b : a; }); };
-    if (d.take("max")) return [](Warp& w, const Instruction& i, uint32_t m) { reduce<T>(w, i, m, [](T a, T b) { return a < b ? b : a; }); };
-    if (d.take("and")) return [](Warp& w, const Instruction& i, uint32_t m) { reduce<T>(w, i, m, [](T a, T b) { return a & b; }); };
-    if (d.take("or")) return [](Warp& w, const Instruction& i, uint32_t m) { reduce<T>(w, i, m, [](T a, T b) { return a | b; }); };
-    if (d.take("xor")) return [](Warp& w, const Instruction& i, uint32_t m) { reduce<T>(w, i, m, [](T a, T b) { return a ^ b; }); };
+    if (d.take("add"))
+        return [](Warp& w, const Instruction& i, uint32_t m) {
+            reduce<uint32_t>(w, i, m, [](auto a, auto b) { return a + b; });
+        };
+    if (d.take("min"))
+        return [](Warp& w, const Instruction& i, uint32_t m) {
+            reduce<T>(w, i, m, [](T a, T b) { return b < a ? b : a; });
+        };
+    if (d.take("max"))
+        return [](Warp& w, const Instruction& i, uint32_t m) {
+            reduce<T>(w, i, m, [](T a, T b) { return a < b ? b : a; });
+        };
+    if (d.take("and"))
+        return [](Warp& w, const Instruction& i, uint32_t m) { reduce<T>(w, i, m, [](T a, T b) { return a & b; }); };
+    if (d.take("or"))
+        return [](Warp& w, const Instruction& i, uint32_t m) { reduce<T>(w, i, m, [](T a, T b) { return a | b; }); };
+    if (d.take("xor"))
+        return [](Warp& w, const Instruction& i, uint32_t m) { reduce<T>(w, i, m, [](T a, T b) { return a ^ b; }); };
     return nullptr;
 }
 
