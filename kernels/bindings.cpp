@@ -12,15 +12,19 @@
 
 #include "ceilings.hpp"
 #include "engine.hpp"
+#include "png_chunks.hpp"
 #include "png_rows.hpp"
 
 namespace nb = nanobind;
 using namespace nb::literals;
+using stereomend::half_of;
 using stereomend::ConfidenceInput;
 using stereomend::ConfidenceParams;
 using stereomend::Level;
 using stereomend::Size;
 using stereomend::SolverParams;
+using stereomend::SpeckleRule;
+using stereomend::TrustParams;
 
 namespace {
 
@@ -65,6 +69,22 @@ Output<T> copy_of(const Source& source) {
     return copy;
 }
 
+// Planes of one shape, and a new one for each.
+struct Batch {
+    std::vector<const float*> in;
+    std::vector<float*> out;
+    std::vector<Output<float>> arrays;
+
+    Batch(const Plane& like, const std::vector<Plane>& planes, size_t height, size_t width) {
+        for (const Plane& plane : planes) {
+            check_same_shape(like, plane);
+            in.push_back(plane.data());
+            arrays.push_back(new_plane<float>(height, width));
+            out.push_back(arrays.back().data());
+        }
+    }
+};
+
 // The kernels with threads and buffers of their own; see engine.hpp.
 class PyEngine {
 public:
@@ -101,12 +121,72 @@ public:
         return means;
     }
 
-    Output<float> similarity(const Plane& left, const Plane& right, const Plane& u) {
-        check_same_shape(left, right, u);
-        const Level level = level_of(left, right, nullptr);
+    // n of each map.
+    std::vector<Output<float>> evidence(const Plane& left, const Plane& right, const std::vector<Plane>& maps) {
+        check_same_shape(left, right);
+        const Batch batch(left, maps, left.shape(0), left.shape(1));
+        nb::gil_scoped_release unlocked;
+        engine_.evidence({size_of(left), left.data(), right.data()}, batch.in, batch.out);
+        return batch.arrays;
+    }
+
+    Output<float> better(const Plane& left, const Plane& right, const Plane& u, const Plane& other, float margin,
+                         float least, float apart) {
+        check_same_shape(left, right, u, other);
         Output<float> out = new_plane<float>(left.shape(0), left.shape(1));
         nb::gil_scoped_release unlocked;
-        engine_.similarity(level, u.data(), out.data());
+        engine_.better({size_of(left), left.data(), right.data()}, u.data(), other.data(), {margin, least, apart},
+                       out.data());
+        return out;
+    }
+
+    std::vector<Output<float>> halve(const std::vector<Plane>& planes) {
+        if (planes.empty()) return {};
+        const Size from = size_of(planes[0]);
+        const Batch batch(planes[0], planes, half_of(from.height), half_of(from.width));
+        nb::gil_scoped_release unlocked;
+        engine_.halve(from, batch.in, batch.out);
+        return batch.arrays;
+    }
+
+    std::pair<Output<float>, Output<float>> halve_weighed(const Plane& u, const Plane& weight) {
+        check_same_shape(u, weight);
+        const Size from = size_of(u);
+        Output<float> out = new_plane<float>(half_of(from.height), half_of(from.width));
+        Output<float> out_weight = new_plane<float>(half_of(from.height), half_of(from.width));
+        nb::gil_scoped_release unlocked;
+        engine_.halve_weighed(from, {u.data(), weight.data(), out.data(), out_weight.data()});
+        return {out, out_weight};
+    }
+
+    Output<float> trust(const Plane& left, const Plane& right, const Plane& u, const Flags& valid, const Flags& matte,
+                        const TrustParams& params, const SpeckleRule& rule) {
+        check_same_shape(left, right, u, valid, matte);
+        const ConfidenceInput input{size_of(left), left.data(), right.data(), u.data(), valid.data(), matte.data()};
+        Output<float> out = new_plane<float>(left.shape(0), left.shape(1));
+        nb::gil_scoped_release unlocked;
+        engine_.trust(input, params, rule, out.data());
+        return out;
+    }
+
+    Output<bool> speckles(const Plane& u, const Flags& valid, const SpeckleRule& rule) {
+        check_same_shape(u, valid);
+        Output<bool> out = new_plane<bool>(u.shape(0), u.shape(1));
+        nb::gil_scoped_release unlocked;
+        engine_.speckles({size_of(u), u.data(), valid.data(), rule.step}, rule.largest, out.data());
+        return out;
+    }
+
+    Output<float> edge_weights(const std::vector<Plane>& channels, float falloff, float power, float floor) {
+        if (channels.empty() || channels.size() > 3) throw nb::value_error("channels: expected 1 to 3");
+        stereomend::Channels given{size_of(channels[0]), static_cast<int>(channels.size()), {}};
+        for (size_t k = 0; k < channels.size(); ++k) {
+            check_same_shape(channels[0], channels[k]);
+            given.levels[k] = channels[k].data();
+        }
+        Output<float> out = new_plane<float>(channels[0].shape(0), channels[0].shape(1));
+        nb::gil_scoped_release unlocked;
+        engine_.edge_weights(given, {falloff, power, floor}, out.data());
         return out;
     }
 
@@ -185,6 +265,21 @@ Output<uint8_t> unfilter(const Bytes& filtered, size_t height, size_t stride, si
     return out;
 }
 
+// (name, begin, size) of each chunk, and what is wrong: a value of PngFault; see png_chunks.hpp.
+std::pair<std::vector<std::tuple<uint32_t, size_t, size_t>>, int> find_chunks(const Bytes& file, size_t at,
+                                                                              size_t most) {
+    if (at > file.size()) throw nb::value_error("at: expected a place in the file");
+    std::vector<stereomend::PngChunk> chunks;
+    stereomend::PngFault fault;
+    {
+        nb::gil_scoped_release unlocked;
+        fault = stereomend::find_chunks(file.data(), file.size(), at, most, chunks);
+    }
+    std::vector<std::tuple<uint32_t, size_t, size_t>> found;
+    for (const auto& chunk : chunks) found.emplace_back(chunk.name, chunk.begin, chunk.size);
+    return {found, static_cast<int>(fault)};
+}
+
 double measure(double (*rate)(int), int threads) {
     check_threads(threads);
     nb::gil_scoped_release unlocked;
@@ -203,6 +298,9 @@ NB_MODULE(_native, m) {
           "Memory traffic of a = b + s * c [GB/s].");
     m.def("multiply_add", [](int threads) { return measure(stereomend::multiply_add, threads); }, "threads"_a,
           "float32 multiply-adds of all threads together [GFlop/s].");
+    m.def("find_chunks", &find_chunks, "file"_a.noconvert(), "at"_a, "most"_a,
+          "(name, begin, size) of a PNG's chunks from byte at, and 0, or 1: cut off, 2: the last has a wrong checksum, "
+          "3: more than most.");
     m.def("unfilter", &unfilter, "filtered"_a.noconvert(), "height"_a, "stride"_a, "bytes_per_pixel"_a,
           "The bytes of a PNG's samples, (height, stride), from height rows of 1 + stride filtered ones.");
     nb::class_<SolverParams>(m, "SolverParams", "data_weight, huber_epsilon, tau, sigma, warps, iterations, absolute, observed_only, averaging.")
@@ -212,14 +310,29 @@ NB_MODULE(_native, m) {
     nb::class_<ConfidenceParams>(m, "ConfidenceParams", "Of Eq. 1 and 2; the window in px.")
         .def(nb::init<int, float, int, float>(), nb::kw_only(), "window"_a, "smoothness_weight"_a,
              "smoothness_power"_a, "photometric_weight"_a);
+    nb::class_<TrustParams>(m, "TrustParams", "Evidence where confidence begins and is full; and px that say nothing.")
+        .def(nb::init<float, float, float>(), nb::kw_only(), "least"_a, "full"_a, "smallest"_a);
+    nb::class_<SpeckleRule>(m, "SpeckleRule", "The most pixels of a speckle, and the largest step inside of one, px.")
+        .def(nb::init<int, float>(), nb::kw_only(), "largest"_a, "step"_a);
     nb::class_<PyEngine>(m, "Engine", "The kernels with threads and buffers of their own; one call at a time.")
         .def(nb::init<int, const std::string&>(), "threads"_a, "instruction_set"_a = "")
         .def("solve", &PyEngine::solve, "left"_a.noconvert(), "right"_a.noconvert(), "u"_a.noconvert(),
              "weight"_a.noconvert().none(), "params"_a, "edge"_a.noconvert().none() = nb::none(),
              "prior"_a.noconvert().none() = nb::none(), "trust"_a.noconvert().none() = nb::none(),
              "All warps of one level; returns the new u.")
-        .def("similarity", &PyEngine::similarity, "left"_a.noconvert(), "right"_a.noconvert(), "u"_a.noconvert(),
-             "The inner product of the descriptors at every pixel.")
+        .def("evidence", &PyEngine::evidence, "left"_a.noconvert(), "right"_a.noconvert(), "maps"_a.noconvert(),
+             "n of each map.")
+        .def("better", &PyEngine::better, "left"_a.noconvert(), "right"_a.noconvert(), "u"_a.noconvert(),
+             "other"_a.noconvert(), "margin"_a, "least"_a, "apart"_a, "u, or the other map where more speaks for it.")
+        .def("halve", &PyEngine::halve, "planes"_a.noconvert(), "The planes at half of their size, rounded up.")
+        .def("halve_weighed", &PyEngine::halve_weighed, "u"_a.noconvert(), "weight"_a.noconvert(),
+             "Disparities at half of their size, averaged with the weight, and the weight.")
+        .def("trust", &PyEngine::trust, "left"_a.noconvert(), "right"_a.noconvert(), "u"_a.noconvert(),
+             "valid"_a.noconvert(), "matte"_a.noconvert(), "params"_a, "rule"_a, "c at every pixel.")
+        .def("speckles", &PyEngine::speckles, "u"_a.noconvert(), "valid"_a.noconvert(), "rule"_a,
+             "Which valid pixels belong to small patches.")
+        .def("edge_weights", &PyEngine::edge_weights, "channels"_a.noconvert(), "falloff"_a, "power"_a, "floor"_a,
+             "Weights of the smoothness.")
         .def("fill_occlusions", &PyEngine::fill_occlusions, "u"_a.noconvert(), "known"_a.noconvert(), "step"_a,
              "stretch"_a, "slack"_a, "u with its occlusions filled, and which pixels those are.")
         .def("reach", &PyEngine::reach, "seeds"_a.noconvert(), "passing"_a.noconvert(), "soft"_a.noconvert(),

@@ -1,12 +1,19 @@
 // The descriptors of both images, row by row.
 //
-// For gdr_cpu.cpp alone, which is compiled once per instruction set: everything is local to the file that includes it.
+// For gdr_cpu.cpp and evidence_cpu.cpp, which are compiled once per instruction set: everything is local to the file
+// that includes it.
 #pragma once
 
 #include "sweeps.hpp"
 
 namespace stereomend {
 namespace {
+
+// The row that mirrors row y at the borders: the border itself is repeated.
+inline int mirrored(int y, int height) {
+    const int inside = y < 0 ? -1 - y : (y >= height ? 2 * height - 1 - y : y);
+    return inside < 0 ? 0 : (inside >= height ? height - 1 : inside);
+}
 
 // Three rows of an image around y, padded by their own ends, so that borders need no test.
 class RowRing {

@@ -12,6 +12,7 @@ struct Candidate {
     const char* name;
     const Sweeps* gdr;
     const LdrSweeps* ldr;
+    const EvidenceSweeps* evidence;
     bool (*supported)();
 };
 
@@ -23,12 +24,12 @@ bool has_v3() {
 
 bool has_v2() { return __builtin_cpu_supports("sse4.2") && __builtin_cpu_supports("popcnt"); }
 
-const Candidate kCandidates[] = {{"x86-64-v3", &sweeps_v3, &ldr_sweeps_v3, has_v3},
-                                  {"x86-64-v2", &sweeps_v2, &ldr_sweeps_v2, has_v2}};
+const Candidate kCandidates[] = {{"x86-64-v3", &sweeps_v3, &ldr_sweeps_v3, &evidence_sweeps_v3, has_v3},
+                                  {"x86-64-v2", &sweeps_v2, &ldr_sweeps_v2, &evidence_sweeps_v2, has_v2}};
 #else
 bool always() { return true; }
 
-const Candidate kCandidates[] = {{"generic", &sweeps_generic, &ldr_sweeps_generic, always}};
+const Candidate kCandidates[] = {{"generic", &sweeps_generic, &ldr_sweeps_generic, &evidence_sweeps_generic, always}};
 #endif
 
 const Candidate& choose(const std::string& name) {
@@ -97,7 +98,8 @@ std::vector<std::string> instruction_sets() {
 Engine::Engine(int threads, const std::string& instruction_set)
     : sweeps_(*choose(instruction_set).gdr),
       team_(threads),
-      ldr_{team_, ldr_buffers_, *choose(instruction_set).ldr} {}
+      ldr_{team_, ldr_buffers_, *choose(instruction_set).ldr},
+      evidence_{team_, evidence_buffers_, *choose(instruction_set).evidence, ldr_.sweeps} {}
 
 // Room for so many rows of the right image, and for the descriptors of each member.
 void Engine::reserve(int width, size_t rows) {
@@ -254,16 +256,6 @@ void Engine::fill(const Holes& map, int steps, int passes) {
     stereomend::fill(map, steps, passes, ldr_);
 }
 
-void Engine::similarity(const Level& unpadded, const float* u, float* out) {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    const Level level = padded(unpadded);
-    const auto body = [&](int member) {
-        float* own = scratch_.data() + scratch_floats(level.width) * member;
-        sweeps_.similarity(level, u, band(level.height, member, team_.size()), own, out);
-    };
-    team_.run(std::ref(body));
-}
-
 void Engine::fill_occlusions(const Holes& map, const OcclusionRule& rule, bool* filled) {
     const std::lock_guard<std::mutex> lock(mutex_);
     stereomend::fill_occlusions(map, rule, filled, ldr_);
@@ -272,6 +264,41 @@ void Engine::fill_occlusions(const Holes& map, const OcclusionRule& rule, bool* 
 void Engine::reach(const Terrain& terrain, bool* reached) {
     const std::lock_guard<std::mutex> lock(mutex_);
     stereomend::reach(terrain, reached, ldr_);
+}
+
+void Engine::evidence(const Pair& pair, const std::vector<const float*>& maps, const std::vector<float*>& found) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    stereomend::evidence(pair, maps, found, evidence_);
+}
+
+void Engine::trust(const ConfidenceInput& input, const TrustParams& params, const SpeckleRule& rule, float* out) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    stereomend::trust(input, params, rule, out, evidence_);
+}
+
+void Engine::speckles(const Steps& map, int largest, bool* out) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    stereomend::speckles(map, largest, out, evidence_);
+}
+
+void Engine::edge_weights(const Channels& channels, const EdgeParams& params, float* out) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    stereomend::edge_weights(channels, params, out, evidence_);
+}
+
+void Engine::better(const Pair& pair, const float* u, const float* other, const ReuseRule& rule, float* out) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    stereomend::better(pair, u, other, rule, out, evidence_);
+}
+
+void Engine::halve(Size from, const std::vector<const float*>& planes, const std::vector<float*>& out) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    stereomend::halve(from, planes, out, evidence_);
+}
+
+void Engine::halve_weighed(Size from, const Weighed& map) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    stereomend::halve_weighed(from, map, evidence_);
 }
 
 }  // namespace stereomend

@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "evidence.hpp"
 #include "ldr.hpp"
 #include "sweeps.hpp"
 #include "team.hpp"
@@ -54,14 +55,20 @@ public:
     // Writes which pixels the right image does not show [out, (height, width)]; see ldr_sweeps.hpp.
     void unobserved(Size size, const float* u, bool* out);
 
-    // Writes the inner product of the descriptors at every pixel, -1 to 1 [out, (height, width)].
-    void similarity(const Level& level, const float* u, float* out);
-
     // See ldr.hpp.
     void fill_occlusions(const Holes& map, const OcclusionRule& rule, bool* filled);
     void reach(const Terrain& terrain, bool* reached);
     void confidence(const ConfidenceInput& input, const ConfidenceParams& params, float* out);
     void fill(const Holes& map, int steps, int passes);
+
+    // See evidence.hpp.
+    void evidence(const Pair& pair, const std::vector<const float*>& maps, const std::vector<float*>& found);
+    void trust(const ConfidenceInput& input, const TrustParams& params, const SpeckleRule& rule, float* out);
+    void speckles(const Steps& map, int largest, bool* out);
+    void edge_weights(const Channels& channels, const EdgeParams& params, float* out);
+    void better(const Pair& pair, const float* u, const float* other, const ReuseRule& rule, float* out);
+    void halve(Size from, const std::vector<const float*>& planes, const std::vector<float*>& out);
+    void halve_weighed(Size from, const Weighed& map);
 
 private:
     struct alignas(64) Progress {
@@ -88,6 +95,8 @@ private:
     std::vector<long> counts_;
     LdrBuffers ldr_buffers_;
     Crew ldr_;
+    EvidenceBuffers evidence_buffers_;
+    EvidenceCrew evidence_;
     State state_{};
 };
 

@@ -164,12 +164,6 @@ void gather(const Level& level, const State& state, const SolverParams& params, 
     }
 }
 
-// The row that mirrors row y at the borders, as average_row does.
-int mirrored(int y, int height) {
-    const int inside = y < 0 ? -1 - y : (y >= height ? 2 * height - 1 - y : y);
-    return inside < 0 ? 0 : (inside >= height ? height - 1 : inside);
-}
-
 void average_down(const float* plane, int width, int height, int y, const Window& window, float* out) {
     const float* above[kMostTaps];
     const float* below[kMostTaps];
@@ -325,28 +319,8 @@ void distance(const Level& level, const float* u, const bool* seen, Rows rows, f
     }
 }
 
-void similarity_row(const float* d1, const float* d2, int width, float* out) {
-    const int stride = width + 2;
-#pragma GCC ivdep
-    for (int x = 0; x < width; ++x) {
-        float product = 0.0f;
-        for (int k = 0; k < kNeighbours; ++k) product += d1[k * stride + x] * d2[k * stride + x];
-        out[x] = product;
-    }
-}
-
-void similarity(const Level& level, const float* u, Rows rows, float* scratch, float* out) {
-    if (rows.begin >= rows.end) return;
-    Descriptors descriptors(level, u, false, scratch);
-    descriptors.start(rows.begin);
-    for (int y = rows.begin; y < rows.end; ++y) {
-        descriptors.describe(y);
-        similarity_row(descriptors.left, descriptors.right, level.width, out + static_cast<long>(y) * level.width);
-    }
-}
-
 }  // namespace
 
-extern const Sweeps SWEEPS = {linearise, gather, settle, prepare_edges, dual, primal, distance, similarity};
+extern const Sweeps SWEEPS = {linearise, gather, settle, prepare_edges, dual, primal, distance};
 
 }  // namespace stereomend

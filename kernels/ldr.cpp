@@ -181,21 +181,30 @@ void fill(const Holes& map, int steps, int passes, const Crew& crew) {
     const bool* end = map.known + pixels;
     if (std::find<const bool*>(map.known, end, true) == end) return;
     const Search search = make_search(map, steps, crew);
-    for (size_t at = 0; at < pixels; ++at) search.w[at] = map.known[at] ? map.u[at] : kNone;
     std::atomic<bool> open[2] = {true, true};
+    std::atomic<bool> incomplete{false};
     const auto body = [&](int member) {
         const int members = crew.team.size();
+        const Rows rows = band(map.size.height, member, members);
+        for (long at = offset_of(map.size, rows.begin); at < offset_of(map.size, rows.end); ++at)
+            search.w[at] = map.known[at] ? map.u[at] : kNone;
+        crew.team.meet();
+        bool holes = true;
         for (int pass = 0; pass < passes && open[(pass + 1) % 2]; ++pass) {
             for (int k = member; k < kVertical; k += members) look_across(search, k, crew.sweeps);
             if (member == 0) open[pass % 2] = false;
             crew.team.meet();
-            if (fill_rows(search, band(map.size.height, member, members), member, crew.sweeps)) open[pass % 2] = true;
+            holes = fill_rows(search, rows, member, crew.sweeps);
+            if (holes) open[pass % 2] = true;
             crew.team.meet();
         }
+        if (holes) incomplete = true;
+        std::copy(search.w + offset_of(map.size, rows.begin), search.w + offset_of(map.size, rows.end),
+                  map.u + offset_of(map.size, rows.begin));
     };
     crew.team.run(std::ref(body));
-    if (std::find_if_not(search.w, search.w + pixels, is_known) != search.w + pixels)
-        fill_from_nearest(map.size, search.w);
+    if (!incomplete) return;
+    fill_from_nearest(map.size, search.w);
     std::copy(search.w, search.w + pixels, map.u);
 }
 

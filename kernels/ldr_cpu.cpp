@@ -145,18 +145,35 @@ PIXEL_FN float median(float v[kDirections]) {
     return 0.5f * (low + high);
 }
 
-bool fill_row(const float* const met[kDirections], int width, float* w) {
+bool has_hole(const float* w, int begin, int end) {
+    // A sum of integers is vectorised, the largest of floats is not.
+    int holes = 0;
+    for (int x = begin; x < end; ++x) holes += w[x] < kNone ? 0 : 1;
+    return holes > 0;
+}
+
+void fill_part(const float* const met[kDirections], int begin, int end, float* w) {
     const float *m0 = met[0], *m1 = met[1], *m2 = met[2], *m3 = met[3];
     const float *m4 = met[4], *m5 = met[5], *m6 = met[6], *m7 = met[7];
-    float largest = 0.0f;
 #pragma GCC ivdep
-    for (int x = 0; x < width; ++x) {
+    for (int x = begin; x < end; ++x) {
         float v[kDirections] = {m0[x], m1[x], m2[x], m3[x], m4[x], m5[x], m6[x], m7[x]};
         const float found = median(v);
         w[x] = w[x] < kNone ? w[x] : found;
     }
-    for (int x = 0; x < width; ++x) largest = larger(largest, w[x]);
-    return !(largest < kNone);
+}
+
+// In parts, for most have no hole.
+bool fill_row(const float* const met[kDirections], int width, float* w) {
+    constexpr int kPart = 32;
+    bool holes = false;
+    for (int begin = 0; begin < width; begin += kPart) {
+        const int end = begin + kPart < width ? begin + kPart : width;
+        if (!has_hole(w, begin, end)) continue;
+        fill_part(met, begin, end, w);
+        holes |= has_hole(w, begin, end);
+    }
+    return holes;
 }
 
 // In double, for x - u would lose digits of u.

@@ -75,8 +75,6 @@ struct Sweeps {
     // Writes for each of the rows the sum of the Euclidean distances of the signed descriptors, each 0 to 2, over the
     // pixels that are `seen` (height, width) [out, (height)].
     void (*distance)(const Level&, const float* u, const bool* seen, Rows, float* scratch, double* sums);
-    // Writes the inner product of the signed descriptors at every pixel of the rows, -1 to 1, 0 without contrast [out].
-    void (*similarity)(const Level&, const float* u, Rows, float* scratch, float* out);
 };
 
 extern const Sweeps sweeps_v2;

@@ -106,7 +106,9 @@ class DisparityMap:
             )
         with np.errstate(over="ignore"):
             values = array.astype(np.float32)
-        values[~(np.isfinite(values) & (values > 0))] = 0
+        # Nearly every map is one that has 0 for unknown, which two quick looks tell; a NaN fails both.
+        if not (values.min() >= 0 and values.max() < np.inf):
+            values[~(np.isfinite(values) & (values > 0))] = 0
         return cls(values)
 
     @property

@@ -37,6 +37,13 @@ def integers(kind: str, png, npy, tiff) -> bytes:
 KINDS = ["png8", "npyu1", "npyi2", "npy>u4", "npyi8", "tiffu1", "tiffu2", "tiffi4"]
 
 
+@pytest.mark.parametrize("scale", [1.0, 3.0, 255.0, 256.0, 0.1, 1000 / 3, 16777217.0])
+def test_every_quotient_is_rounded_once(png, scale):
+    stored = np.arange(1 << 16, dtype=np.uint16).reshape(256, 256)
+    values = decode_disparity(png(stored, 16), "disparity", stored.size, scale).values
+    np.testing.assert_array_equal(values, (stored / np.float64(scale)).astype(np.float32))
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_other_integers_need_a_scale_and_the_message_says_its_name(png, npy, tiff, kind):
     data = integers(kind, png, npy, tiff)

@@ -1,10 +1,12 @@
 // Runs the kernels on awkward sizes, and on the scene of a file if one is named, with several numbers of threads and
 // every instruction set; results must be finite and, for one instruction set, equal bit for bit. Made to be built
 // with sanitizers.
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <cstring>
 
+#include "../../kernels/exponential.cuh"
 #include "scenes.hpp"
 
 using stereomend::Engine;
@@ -41,9 +43,24 @@ bool check(const Scene& scene, const std::string& instruction_set, const SolverP
     return true;
 }
 
+// The largest relative error of fast_exp2, and of fast_log2 the error, relative where the logarithm is over 1.
+bool check_exponentials() {
+    double worst_exp = 0.0;
+    double worst_log = 0.0;
+    for (float x = -126.0f; x <= 126.0f; x += 0.00013f)
+        worst_exp = std::max(worst_exp, std::abs(stereomend::fast_exp2(x) / std::exp2(static_cast<double>(x)) - 1.0));
+    for (float x = 1.2e-38f; x < 1e38f; x *= 1.0001f) {
+        const double exact = std::log2(static_cast<double>(x));
+        worst_log = std::max(worst_log, std::abs(stereomend::fast_log2(x) - exact) / std::max(1.0, std::abs(exact)));
+    }
+    std::printf("errors up to %.2g of exp2, %.2g of log2\n", worst_exp, worst_log);
+    return worst_exp < 2e-7 && worst_log < 2e-7;
+}
+
 }  // namespace
 
 int main(int count, char** arguments) {
+    if (!check_exponentials()) return 1;
     std::vector<Scene> scenes;
     const int sizes[][2] = {{1, 1}, {2, 1}, {1, 2}, {3, 3}, {33, 1}, {1, 33}, {2000, 3}, {3, 2000}, {61, 47}, {131, 79}};
     for (const auto& size : sizes) scenes.push_back(noisy_scene(size[0], size[1], 7));

@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <cstring>
 
+#include "../../kernels/png_chunks.hpp"
 #include "../../kernels/png_rows.hpp"
 #include "scenes.hpp"
 
@@ -42,6 +43,14 @@ void unfilter_any(Bytes& bytes) {
     stereomend::unfilter(rows, filtered.data(), out.data());
 }
 
+// Any bytes as chunks, in memory of exactly their size.
+void find_any_chunks(Bytes& bytes) {
+    std::vector<uint8_t> file(bytes.upto(255));
+    for (uint8_t& byte : file) byte = bytes.next<uint8_t>();
+    std::vector<stereomend::PngChunk> chunks;
+    stereomend::find_chunks(file.data(), file.size(), std::min<size_t>(bytes.upto(40), file.size()), 9, chunks);
+}
+
 }  // namespace
 
 extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
@@ -59,6 +68,7 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
     for (std::vector<uint8_t>* flags : {&scene.known, &scene.soft})
         for (uint8_t& flag : *flags) flag = bytes.upto(1);
     unfilter_any(bytes);
+    find_any_chunks(bytes);
     run_all(engine, scene, params);
     return 0;
 }

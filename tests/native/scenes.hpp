@@ -81,13 +81,11 @@ inline void append(std::vector<float>& out, const std::vector<uint8_t>& flags) {
 inline std::vector<float> run_guided(stereomend::Engine& engine, const Scene& scene,
                                      const stereomend::SolverParams& params, const std::vector<float>& solved) {
     const size_t pixels = scene.u.size();
-    std::vector<float> out(3 * pixels);
+    std::vector<float> out(2 * pixels);
     float* guided = out.data();
-    float* similar = guided + pixels;
-    float* filled = similar + pixels;
+    float* filled = guided + pixels;
     std::copy(solved.begin(), solved.end(), guided);
     engine.solve(scene.guided_level(), params, guided);
-    engine.similarity(scene.level(), guided, similar);
     std::copy(guided, guided + pixels, filled);
     std::vector<uint8_t> occluded(pixels), reached(scene.soft);
     engine.fill_occlusions({scene.size, filled, scene.flags()}, {1.0f, 1.3f, 6.0f},
@@ -96,6 +94,33 @@ inline std::vector<float> run_guided(stereomend::Engine& engine, const Scene& sc
                  reinterpret_cast<bool*>(reached.data()));
     append(out, occluded);
     append(out, reached);
+    return out;
+}
+
+// All outputs of what the pair says for maps, one after the other.
+inline std::vector<float> run_evidence(stereomend::Engine& engine, const Scene& scene) {
+    const size_t pixels = scene.u.size();
+    const auto [width, height] = scene.size;
+    const size_t half = static_cast<size_t>(stereomend::half_of(width)) * stereomend::half_of(height);
+    std::vector<float> out(6 * pixels + 4 * half);
+    float* at = out.data();
+    engine.evidence({scene.size, scene.left.data(), scene.right.data()},
+                    {scene.u.data(), scene.prior.data(), scene.u.data()}, {at, at + pixels, at + 2 * pixels});
+    engine.trust({scene.size, scene.left.data(), scene.right.data(), scene.u.data(), scene.flags(), scene.soft_flags()},
+                 {0.2f, 0.7f, 0.5f}, {4, 1.0f}, at + 3 * pixels);
+    engine.edge_weights({scene.size, 3, {scene.left.data(), scene.right.data(), scene.u.data()}}, {10.0f, 0.8f, 0.03f},
+                        at + 4 * pixels);
+    engine.better({scene.size, scene.left.data(), scene.right.data()}, scene.u.data(), scene.prior.data(),
+                  {0.05f, 0.0f, 0.5f}, at + 5 * pixels);
+    float* halves = at + 6 * pixels;
+    engine.halve(scene.size, {scene.left.data(), scene.u.data()}, {halves, halves + half});
+    engine.halve_weighed(scene.size, {scene.u.data(), scene.trust.data(), halves + 2 * half, halves + 3 * half});
+    for (const int largest : {0, 3, 1000}) {
+        std::vector<uint8_t> small(pixels);
+        engine.speckles({scene.size, scene.u.data(), scene.flags(), 8.0f}, largest,
+                        reinterpret_cast<bool*>(small.data()));
+        append(out, small);
+    }
     return out;
 }
 
@@ -117,7 +142,8 @@ inline std::vector<float> run_all(stereomend::Engine& engine, const Scene& scene
     out.back() = static_cast<float>(found.front().sum + found.back().sum);
     engine.confidence({scene.size, scene.left.data(), scene.right.data(), solved, scene.flags(), scene.flags()},
                       {21, 20.0f, 2, 2.0f}, out.data() + 2 * pixels);
-    const std::vector<float> guided = run_guided(engine, scene, params, {solved, solved + pixels});
-    out.insert(out.end(), guided.begin(), guided.end());
+    for (const std::vector<float>& part :
+         {run_guided(engine, scene, params, {solved, solved + pixels}), run_evidence(engine, scene)})
+        out.insert(out.end(), part.begin(), part.end());
     return out;
 }

@@ -7,9 +7,9 @@ import pytest
 
 from stereomend.phantom import break_disparity, make_phantom
 from stereomend.refinement import parse_params, select_backend
+from stereomend.refinement.backends import SpeckleRule
 from stereomend.refinement.evidence import (
     edge_weights,
-    evidence,
     evidence_confidence,
     mean_around,
     ramp,
@@ -78,22 +78,23 @@ def patches(u, valid, step):
 
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize(("share", "step"), [(0.0013, 1.0), (0.0071, 0.5), (0.21, 1.0), (0.83, 3.0)])
-def test_speckles_are_the_small_patches_of_a_flood_fill(shape, share, step):
+def test_speckles_are_the_small_patches_of_a_flood_fill(shape, share, step, backend):
     rng = np.random.default_rng(2)
     valid = rng.random(shape) < 0.9
     u = rng.choice([2, 2.5, 3, 3.5, 6, 9.0625, 40], shape, p=[0.3, 0.2, 0.2, 0.1, 0.1, 0.05, 0.05]) * valid
     label, sizes = patches(u, valid, step)
-    small = np.append(sizes < share * u.size, False)
-    assert (speckles(Sparse(u.astype(np.float32), valid), share, step) == small[label]).all()
+    small = np.append(sizes <= math.floor(share * u.size), False)
+    rule = SpeckleRule(math.floor(share * u.size), step)
+    assert (backend.speckles(u.astype(np.float32), valid, rule) == small[label]).all()
 
 
-def test_one_wrong_pixel_is_a_speckle_and_a_large_patch_is_none():
+def test_one_wrong_pixel_is_a_speckle_and_a_large_patch_is_none(backend):
     u = np.full((40, 50), 7.0)
     u[10, 10], u[20:30, 20:30] = 15, 12
-    assert np.argwhere(speckles(Sparse(u, u > 0), 0.001)).tolist() == [[10, 10]]
+    assert np.argwhere(speckles(Sparse(u, u > 0), 0.001, backend)).tolist() == [[10, 10]]
 
 
-def test_edge_weights_follow_the_largest_channel():
+def test_edge_weights_follow_the_largest_channel(backend):
     """A step of a tenth of the range along x and one of three tenths along y meet in one pixel."""
     red, green, blue = np.full((3, 3, 4), 100.0)
     green[:, 2:] += 25.5
@@ -101,32 +102,36 @@ def test_edge_weights_follow_the_largest_channel():
     params = GdrParams(edge_falloff=2.0, edge_power=0.8, edge_floor=0.03)
     along_x, along_y = (math.exp(-2 * share**0.8) for share in (0.1, 0.3))
     expected = [[1, along_x, 1, 1], [along_y] * 4, [1, along_x, 1, 1]]
-    assert np.allclose(edge_weights((red, green, blue), params), expected)
+    assert np.allclose(edge_weights((red, green, blue), params, backend), expected)
     both = math.exp(-2 * math.hypot(0.1, 0.3) ** 0.8)
-    assert edge_weights((green + blue,), params)[1, 1] == pytest.approx(both)
+    assert edge_weights((green + blue,), params, backend)[1, 1] == pytest.approx(both)
 
 
-def test_edge_weights_stay_above_their_floor_and_keep_their_type():
-    black_and_white = np.array([[0, 255, 0, 0]], np.float32)
-    weight = edge_weights((black_and_white,), GdrParams(edge_falloff=10, edge_floor=0.03))
-    assert weight.dtype == np.float32
+def test_edge_weights_stay_above_their_floor_and_have_the_backend_s_type(backend):
+    black_and_white = backend.plane(np.array([[0, 255, 0, 0]]))
+    weight = edge_weights((black_and_white,), GdrParams(edge_falloff=10, edge_floor=0.03), backend)
+    assert weight.dtype == black_and_white.dtype
     assert weight.shape == (1, 4)
     assert weight[0] == pytest.approx([0.03, 0.03, 1, 1])
-    assert edge_weights((black_and_white,), GdrParams(edge_falloff=0)) is None
+    assert edge_weights((black_and_white,), GdrParams(edge_falloff=0), backend) is None
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-def test_a_plain_picture_of_any_size_has_no_edge(shape):
+@pytest.mark.parametrize("power", [0.01, 0.8, 4])
+def test_a_plain_picture_of_any_size_has_no_edge(shape, power, backend):
     plain = np.full(shape, 80.0, np.float32)
-    assert (edge_weights((plain, plain + 1, plain), ROBUST.gdr) == 1).all()
+    params = ROBUST.gdr.model_copy(update={"edge_power": power})
+    assert (edge_weights((plain, plain + 1, plain), params, backend) == 1).all()
 
 
 def test_the_truth_has_more_evidence_than_the_truth_moved(phantom, scene, backend):
     seen = ~phantom.occluded
     truth = backend.plane(phantom.truth)
-    at_truth = evidence(scene.left, scene.right, truth, backend)
-    for off in (-3, -1, 1, 3):
-        beside = evidence(scene.left, scene.right, truth + truth.dtype.type(off), backend)
+    offsets = (0, -3, -1, 1, 3)
+    at_truth, *others = backend.evidence(
+        scene.left, scene.right, [truth + truth.dtype.type(off) for off in offsets]
+    )
+    for beside in others:
         assert at_truth[seen].mean() > beside[seen].mean() + 0.3
         assert np.mean(at_truth[seen] > beside[seen]) > 0.9
 

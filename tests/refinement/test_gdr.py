@@ -91,6 +91,6 @@ def test_a_jump_stays_where_the_colours_change():
     robust = parse_params({"preset": "robust"}).gdr
     wrong = []
     for params in (robust, robust.model_copy(update={"edge_falloff": 0.0})):
-        found = refine_globally(with_edges(scene, params), Prior(smeared), params, NATIVE)
+        found = refine_globally(with_edges(scene, params, NATIVE), Prior(smeared), params, NATIVE)
         wrong.append(np.mean(np.abs(found - depth)[:, 40:56] > 1))
     assert wrong[0] < 0.7 * wrong[1]

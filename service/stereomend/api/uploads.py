@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import json
-from collections.abc import AsyncGenerator, Mapping
+from collections.abc import AsyncGenerator, Mapping, Sequence
 from typing import Any
 
 from python_multipart.multipart import parse_options_header
-from starlette.datastructures import FormData, UploadFile
-from starlette.formparsers import MultiPartException, MultiPartParser
 from starlette.requests import Request
 
+from stereomend.api.multipart import Part, read_form
 from stereomend.errors import BodyTooLarge, InvalidParameter, MalformedRequest, UnknownFormat
 
 FILES = ("left", "right", "disparity", "mask")
 PARAMS = "params"
 _OPTIONAL = ("disparity", "mask", PARAMS)
-_MOST_PARTS = 16
 _LONGEST_PARAMS = 1 << 16
 
 
@@ -44,18 +42,9 @@ async def read_parts(request: Request, most: int) -> Mapping[str, bytes]:
         BodyTooLarge: the body is longer than `most`; the rest is not read.
         MalformedRequest: it is no multipart, or a part is missing, doubled, unknown or no file.
     """
-    parser = MultiPartParser(
-        request.headers, _bounded(request, most), max_files=_MOST_PARTS, max_fields=_MOST_PARTS
-    )
-    parser.spool_max_size = 0  # never to disk
-    try:
-        form = await parser.parse()
-    except MultiPartException as error:
-        raise MalformedRequest(error.message) from error
-    except (KeyError, ValueError) as error:
-        raise MalformedRequest("the headers of a part cannot be read") from error
-    _check_names(form)
-    return {name: await _content(name, part) for name, part in form.items()}
+    parts = await read_form(request.headers.get("content-type", ""), _bounded(request, most))
+    _check_names([part.name for part in parts])
+    return {part.name: _content(part) for part in parts}
 
 
 def read_params(text: bytes) -> Mapping[str, Any]:
@@ -80,8 +69,8 @@ async def _bounded(request: Request, most: int) -> AsyncGenerator[bytes, None]:
         yield chunk
 
 
-def _check_names(form: FormData) -> None:
-    names, known = [name for name, _ in form.multi_items()], (*FILES, PARAMS)
+def _check_names(names: Sequence[str]) -> None:
+    known = (*FILES, PARAMS)
     for name in names:
         if name not in known:
             raise MalformedRequest(f"part {name!r} is unknown; expected {', '.join(known)}")
@@ -94,12 +83,12 @@ def _check_names(form: FormData) -> None:
             )
 
 
-async def _content(name: str, part: UploadFile | str) -> bytes:
-    if isinstance(part, UploadFile):
-        return await part.read()
-    if name != PARAMS:
-        raise MalformedRequest(f"part {name!r} is text; expected a file, that is, a part with a filename")
-    return part.encode()
+def _content(part: Part) -> bytes:
+    if part.name != PARAMS and not part.is_file:
+        raise MalformedRequest(
+            f"part {part.name!r} is text; expected a file, that is, a part with a filename"
+        )
+    return part.content
 
 
 def _too_large(most: int) -> BodyTooLarge:

@@ -17,7 +17,7 @@ _PARTS = {
     "queue": "waiting for a worker",
     "decode": "three PNG files",
     "initial": "matching, where nothing was uploaded",
-    "encode": "the 16-bit PNG",
+    "encode": "what is waited for of the 16-bit PNG",
     "inside": "of total: changes of size, provenance, quality, pipes",
     "outside": "of total: client, HTTP, reading the upload",
 }

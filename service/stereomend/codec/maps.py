@@ -76,8 +76,11 @@ def _divisor(header: Header, scale: float | None) -> float | None:
 
 
 def _divided(pixels: Pixels, divisor: float) -> Pixels:
-    """Divide in float64, keep float32; what overflows is infinite, hence unknown."""
+    """The quotient rounded to float32 once; what overflows is infinite, hence unknown."""
+    # In float32 where it holds both numbers, which is three times as fast.
+    exact = pixels.dtype.itemsize <= 2 and float(np.float32(divisor)) == divisor
+    kind = np.float32 if exact else np.float64
     quotient = np.empty(pixels.shape, np.float32)
     with np.errstate(over="ignore"):
-        np.divide(pixels, np.float64(divisor), out=quotient, casting="same_kind")
+        np.divide(pixels, kind(divisor), out=quotient, dtype=kind, casting="same_kind")
     return quotient

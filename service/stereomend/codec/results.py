@@ -67,7 +67,7 @@ def check_calibrated(media_type: str, calibrated: bool) -> None:
 
 
 def holds_confidences(media_type: str) -> bool:
-    """Whether a result in this media type tells confidences."""
+    """Whether a result in this media type tells confidences; where not, it holds the map and nothing else."""
     return media_type in (ZIP_TYPE, PLY_TYPE)
 
 
@@ -94,9 +94,14 @@ def encode_result(
         return _npz(result, outputs)
     if media_type == PLY_TYPE:
         return write_ply(result, left)
+    return encode_map(result.disparity, media_type)
+
+
+def encode_map(disparity: FloatMap, media_type: str) -> bytes:
+    """Write a map (H, W) px alone, which is all that most formats hold; errors as `encode_result`."""
     if media_type not in _ENCODERS:
         raise NotAcceptable(f"got {media_type}; offered are {', '.join((*_ENCODERS, ZIP_TYPE, PLY_TYPE))}")
-    return _ENCODERS[media_type](result.disparity)
+    return _ENCODERS[media_type](disparity)
 
 
 def _png16(disparity: FloatMap) -> bytes:

@@ -3,20 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from dataclasses import dataclass, field, replace
 from functools import cache
 from time import perf_counter
 from typing import Any, NamedTuple, TypeVar
 
-from stereomend.codec import decode_disparity, decode_image, decode_mask, encode_result, holds_confidences
+from stereomend.codec import (
+    decode_disparity,
+    decode_image,
+    decode_mask,
+    encode_map,
+    encode_result,
+    holds_confidences,
+)
 from stereomend.disparity import DisparityMap, Image, RefinementResult, StereoPair, check_same_size
-from stereomend.refinement import Backend, RefineParams, run
+from stereomend.jobs.helpers import Helpers
+from stereomend.refinement import Backend, Mended, RefineParams, describe, mend
 
 T = TypeVar("T")
 
 TIMINGS = ("queue", "decode", "initial", "ldr", "gdr", "encode", "total")
-"""The keys of `Answer.timings`, in the order in which time passes."""
+"""The keys of `Answer.timings`, as time passes; `encode` is what the answer had to wait for it."""
 
 
 @dataclass(frozen=True)
@@ -62,26 +70,27 @@ class Refined(NamedTuple):
 
 
 def perform(task: Task, backend: Backend, max_pixels: int) -> Answer:
-    """Decode, refine and encode.
+    """Decode, refine and encode; a map that is all of the answer is written while it is described.
 
     Raises:
         InputError: as `refine_files`.
         InvalidParameter: a point cloud without a calibration.
         DisparityOutOfRange: the result does not fit the media type.
     """
-    confidences = holds_confidences(task.media_type)
-    result, left = refine_files(task, task.params, backend, max_pixels, confidences)
     began = perf_counter()
-    body = encode_result(result, task.media_type, task.params.outputs, left)
-    encode = 1e3 * (perf_counter() - began)
-    timings = result.timings | {"encode": encode, "total": result.timings["total"] + encode}
+    mended, left = _mended(task, task.params, backend, max_pixels)
+    whole = holds_confidences(task.media_type)
+    early = None if whole else _helpers().start(encode_map, mended.disparity, task.media_type)
+    result = _described(mended, task.params, backend, began, whole)
+    described = perf_counter()
+    body = early.result() if early else encode_result(result, task.media_type, task.params.outputs, left)
+    ended = perf_counter()
+    timings = result.timings | {"encode": 1e3 * (ended - described), "total": 1e3 * (ended - began)}
     return Answer(body, task.media_type, result.meta, timings)
 
 
-def refine_files(
-    files: Files, params: RefineParams, backend: Backend, max_pixels: int, confidences: bool = True
-) -> Refined:
-    """Decode and refine; the result's timings have all keys of `TIMINGS`, `confidences` as of `run`.
+def refine_files(files: Files, params: RefineParams, backend: Backend, max_pixels: int) -> Refined:
+    """Decode and refine; the result's timings have all keys of `TIMINGS`.
 
     Raises:
         UnknownFormat, DamagedFile, TooManyPixels: a file cannot be used.
@@ -89,20 +98,32 @@ def refine_files(
         InvalidParameter, NoValidDisparity: the parameters do not fit the files.
     """
     began = perf_counter()
+    mended, left = _mended(files, params, backend, max_pixels)
+    return Refined(_described(mended, params, backend, began), left)
+
+
+def _mended(files: Files, params: RefineParams, backend: Backend, max_pixels: int) -> tuple[Mended, Image]:
+    began = perf_counter()
     pair, upload = _decode(files, params.disparity_scale, max_pixels)
-    decoded = perf_counter()
-    result = run(pair, upload, params, backend, confidences)
-    spent = {"decode": 1e3 * (decoded - began), "total": 1e3 * (perf_counter() - began)}
-    known = result.timings | spent
-    return Refined(replace(result, timings={name: known.get(name, 0.0) for name in TIMINGS}), pair.left)
+    decode = 1e3 * (perf_counter() - began)
+    mended = mend(pair, upload, params, backend)
+    return mended._replace(timings=mended.timings | {"decode": decode}), pair.left
+
+
+def _described(
+    mended: Mended, params: RefineParams, backend: Backend, began: float, confidences: bool = True
+) -> RefinementResult:
+    result = describe(mended, params, backend, confidences)
+    known = result.timings | {"total": 1e3 * (perf_counter() - began)}
+    return replace(result, timings={name: known.get(name, 0.0) for name in TIMINGS})
 
 
 def _decode(files: Files, scale: float | None, max_pixels: int) -> tuple[StereoPair, DisparityMap | None]:
     # Side by side: nearly all of the time goes to inflating, which holds no lock. Errors come in this order.
     def begin(decode: Callable[..., T], file: bytes | None, *args: Any) -> Future[T] | None:
-        return None if file is None else _decoders().submit(decode, file, *args)
+        return None if file is None else _helpers().start(decode, file, *args)
 
-    right = _decoders().submit(decode_image, files.right, "right", max_pixels)
+    right = _helpers().start(decode_image, files.right, "right", max_pixels)
     mask = begin(decode_mask, files.mask, "mask", max_pixels)
     upload = begin(decode_disparity, files.disparity, "disparity", max_pixels, scale)
     left = decode_image(files.left, "left", max_pixels)
@@ -114,6 +135,5 @@ def _decode(files: Files, scale: float | None, max_pixels: int) -> tuple[StereoP
 
 
 @cache
-def _decoders() -> ThreadPoolExecutor:
-    # Kept, for to start and end three threads takes longer than to decode an image.
-    return ThreadPoolExecutor(3, "decode")
+def _helpers() -> Helpers:
+    return Helpers(3)

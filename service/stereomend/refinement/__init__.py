@@ -2,14 +2,18 @@
 
 from stereomend.refinement.backends import BACKENDS, Backend, select_backend
 from stereomend.refinement.params import DEFAULT_PRESET, PRESETS, RefineParams, parse_params
-from stereomend.refinement.pipeline import refine, run
+from stereomend.refinement.pipeline import mend, refine, run
+from stereomend.refinement.report import Mended, describe
 
 __all__ = [
     "BACKENDS",
     "DEFAULT_PRESET",
     "PRESETS",
     "Backend",
+    "Mended",
     "RefineParams",
+    "describe",
+    "mend",
     "parse_params",
     "refine",
     "run",

@@ -14,7 +14,7 @@ import numpy as np
 from stereomend.disparity import Mask
 from stereomend.opencv import cv2
 from stereomend.refinement.backends import Backend, Plane
-from stereomend.refinement.evidence import evidence, fading, mean_around, ramp, speckles
+from stereomend.refinement.evidence import fading, mean_around, ramp, speckles
 from stereomend.refinement.params import RefineParams
 from stereomend.refinement.pyramid import HALF, Sparse, enlarge_disparity, sample, sample_disparity
 from stereomend.refinement.scene import Scene
@@ -125,7 +125,7 @@ def fuse(scene: Scene, maps: Readings, params: RefineParams, backend: Backend) -
 
 def _look(judge: _Judge) -> _Seen:
     scene, backend, (upload, u) = judge.scene, judge.backend, judge.maps
-    for_upload, for_u = (evidence(scene.left, scene.right, map_, backend) for map_ in (upload.u, u))
+    for_upload, for_u = backend.evidence(scene.left, scene.right, (upload.u, u))
     near = upload.valid & (np.abs(upload.u - u) < judge.params.near_px * judge.scale)
     shown = upload.valid & ~backend.unobserved(upload.u)
     return _Seen(shown, ~backend.unobserved(u), for_upload, for_u, near, _grown(~scene.matte, _AROUND_GLINTS))
@@ -231,7 +231,7 @@ def _share(judge: _Judge, seen: _Seen, trust: _Trust, reached: Mask) -> Plane:
     params, upload = judge.params, judge.maps.upload
     apart = np.where(trust.strong & trust.comparable, trust.enough & trust.wins, reached)
     together = np.where(seen.u, trust.equal, reached)
-    kept = upload.valid & ~speckles(upload, params.patch_share)
+    kept = upload.valid & ~speckles(upload, params.patch_share, judge.backend)
     share: Plane = np.where(seen.near, together, apart) * kept
     return share.astype(upload.u.dtype, copy=False)
 

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from stereomend.refinement.backends import Backend, Guide, Plane, Size
-from stereomend.refinement.evidence import edge_weights, evidence
+from stereomend.refinement.backends import Backend, Guide, Plane, ReuseRule, Size
+from stereomend.refinement.evidence import edge_weights
 from stereomend.refinement.ldr import Local
 from stereomend.refinement.pyramid import enlarge_disparity, level_sizes
 from stereomend.refinement.scene import Scene
 from stereomend.refinement.stage_params import GdrParams
-
-_DIFFERENT = 0.5  # px; nearer readings compete in the solver itself
-_LEAST_EVIDENCE = 0.3  # a prior that the pair contradicts replaces nothing
 
 
 class Prior(NamedTuple):
@@ -28,10 +25,10 @@ def prior_of(local: Local, confidence: Plane, params: GdrParams) -> Prior:
     """LDR's map, trusted by its confidence, (H, W) in [0, 1], in occlusions by a weight of their own (R3)."""
     if params.prior_weight == params.fill_weight == 0:
         return Prior(local.u)
-    trust = params.prior_weight * confidence
+    trust = confidence * confidence.dtype.type(params.prior_weight)
     if local.occluded is not None:
-        trust = np.where(local.occluded, params.fill_weight, trust)
-    return Prior(local.u, trust.astype(local.u.dtype, copy=False))
+        np.copyto(trust, params.fill_weight, where=local.occluded)
+    return Prior(local.u, trust)
 
 
 class _Level(NamedTuple):
@@ -50,9 +47,9 @@ class _Level(NamedTuple):
         return self.left.shape[0], self.left.shape[1]
 
 
-def with_edges(scene: Scene, params: GdrParams) -> Scene:
+def with_edges(scene: Scene, params: GdrParams, backend: Backend) -> Scene:
     """The scene with the weights of the smoothness that `params` ask for (R4)."""
-    return scene._replace(edge=edge_weights(scene.channels, params))
+    return scene._replace(edge=edge_weights(scene.channels, params, backend))
 
 
 def refine_globally(scene: Scene, prior: Prior, params: GdrParams, backend: Backend) -> Plane:
@@ -63,8 +60,8 @@ def refine_globally(scene: Scene, prior: Prior, params: GdrParams, backend: Back
     Eq. 9 to 14 of Yang, Simon, Linte, 2023; w, k and what else `params` may ask for: R3 to R6.
     """
     pyramid = [_Level(scene.left, scene.right, scene.channels, scene.edge, prior.u, prior, scene.weight)]
-    for size in level_sizes(scene.size, params.levels)[1:]:
-        pyramid.append(_coarser(pyramid[-1], size, params, backend))
+    for _ in level_sizes(scene.size, params.levels)[1:]:
+        pyramid.append(_coarser(pyramid[-1], params, backend))
     u = _solve(pyramid[-1], pyramid[-1].start, _schedule(params, len(pyramid) == 1), backend)
     for level in pyramid[-2::-1]:
         finest, u = level is pyramid[0], enlarge_disparity(u, level.size, backend)
@@ -94,27 +91,27 @@ def _better(level: _Level, u: Plane, params: GdrParams, backend: Backend) -> Pla
     """The prior where the pair speaks for it far more than for what coarser levels found (R6)."""
     if params.reuse_margin is None:
         return u
-    found, claimed = (evidence(level.left, level.right, map_, backend) for map_ in (u, level.prior.u))
-    different = (np.abs(level.prior.u - u) > _DIFFERENT) & ~backend.unobserved(level.prior.u)
-    stronger = claimed > np.maximum(found + params.reuse_margin, _LEAST_EVIDENCE)
-    return np.where(different & stronger, level.prior.u, u)
+    return backend.better(level.left, level.right, u, level.prior.u, ReuseRule(params.reuse_margin))
 
 
-def _coarser(level: _Level, size: Size, params: GdrParams, backend: Backend) -> _Level:
-    left, right, start = (backend.shrink(plane, size) for plane in (level.left, level.right, level.start))
-    channels = tuple(backend.shrink(channel, size) for channel in level.channels)
-    ratio = start.dtype.type(size[1] / level.size[1])
-    weight = None if level.weight is None else backend.shrink(level.weight, size)
+def _coarser(level: _Level, params: GdrParams, backend: Backend) -> _Level:
+    """The next level, of half the size."""
+    whole = [level.left, level.right, level.start, *level.channels]
+    whole += [] if level.weight is None else [level.weight]
+    left, right, start, *others = backend.halve(whole)
+    channels = tuple(others[: len(level.channels)])
+    weight = None if level.weight is None else others[-1]
     # Of the shrunken colours: the mean of weights would keep edges that the level does not show.
-    edge, prior = edge_weights(channels, params), _coarser_prior(level.prior, size, backend)
-    return _Level(left, right, channels, edge, start * ratio, prior, weight)
+    edge = edge_weights(channels, params, backend)
+    start = start * _ratio(start, level.start)
+    return _Level(left, right, channels, edge, start, _coarser_prior(level.prior, start, backend), weight)
 
 
-def _coarser_prior(prior: Prior, size: Size, backend: Backend) -> Prior:
-    """The area mean weighed by trust, so that what is not trusted does not smear over what is."""
-    ratio = prior.u.dtype.type(size[1] / prior.u.shape[1])
-    if prior.trust is None:
-        return Prior(backend.shrink(prior.u, size) * ratio)
-    share = prior.trust + prior.u.dtype.type(1e-6)
-    u = backend.shrink(prior.u * share, size) / backend.shrink(share, size)
-    return Prior(u * ratio, backend.shrink(prior.trust, size))
+def _coarser_prior(prior: Prior, start: Plane, backend: Backend) -> Prior:
+    """Averaged with its trust; without any it is what the coarser level starts with."""
+    return Prior(start) if prior.trust is None else Prior(*backend.halve_weighed(prior.u, prior.trust))
+
+
+def _ratio(smaller: Plane, larger: Plane) -> np.floating[Any]:
+    ratio: np.floating[Any] = smaller.dtype.type(smaller.shape[1] / larger.shape[1])
+    return ratio

@@ -32,7 +32,7 @@ from stereomend.refinement.pyramid import (
     shrink_disparity,
     working_size,
 )
-from stereomend.refinement.report import Start, Trace, assemble
+from stereomend.refinement.report import Mended, Start, Trace, describe, finish
 from stereomend.refinement.scene import Scene, make_scene
 
 STAGES = ("initial", "ldr", "gdr")
@@ -83,6 +83,11 @@ def run(
     Without `confidences`, which few answers hold, both are NaN everywhere. The result's `timings` hold
     `initial`, `ldr` and `gdr` in ms. Raises as `refine`.
     """
+    return describe(mend(pair, upload, params, backend), params, backend, confidences)
+
+
+def mend(pair: StereoPair, upload: DisparityMap | None, params: RefineParams, backend: Backend) -> Mended:
+    """The map alone, which can be written while it is described; arguments and errors as `run`."""
     if upload is not None:
         check_same_size("disparity", upload.shape, "left", pair.shape)
     kind = choose_initial(params, upload)
@@ -97,7 +102,7 @@ def run(
         if "gdr" in params.stages:
             refined, fused = globally(begun, trusted, params, backend)
     trace = Trace(pair, *begun, *trusted, refined, fused)
-    return assemble(trace, params, backend, timings, confidences)
+    return finish(trace, params, backend, timings)
 
 
 class Begun(NamedTuple):
@@ -130,7 +135,7 @@ def globally(
     """GDR's map, (H, W) px, and the choice between it and the upload where the parameters ask for one."""
     prior, scene = (
         prior_of(trusted.local, trusted.confidence, params.gdr),
-        with_edges(begun.scene, params.gdr),
+        with_edges(begun.scene, params.gdr, backend),
     )
     refined = refine_globally(scene, prior, params.gdr, backend)
     if not params.fusion.enabled or begun.start.kind == "zero":

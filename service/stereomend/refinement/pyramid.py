@@ -45,11 +45,10 @@ def level_sizes(size: Size, levels: int) -> list[Size]:
 def shrink_disparity(sparse: Sparse, size: Size, backend: Backend) -> Sparse:
     """Shrink by the area mean over valid pixels, times the width ratio; valid where half of the area is."""
     share = backend.shrink(backend.plane(sparse.valid), size)
-    total = backend.shrink(backend.plane(np.where(sparse.valid, sparse.u, 0)), size)
+    total = backend.shrink(backend.plane(sparse.u), size)
     valid = np.ascontiguousarray(share >= HALF)
-    ratio = size[1] / sparse.u.shape[1]
-    u = np.divide(total, share, out=np.zeros_like(total), where=valid) * total.dtype.type(ratio)
-    return Sparse(u, valid)
+    ratio = total.dtype.type(size[1] / sparse.u.shape[1])
+    return Sparse(total / np.where(valid, share, 1) * (ratio * valid), valid)
 
 
 def enlarge_disparity(u: Plane, size: Size, backend: Backend) -> Plane:
@@ -84,6 +83,9 @@ def as_sparse(disparity: DisparityMap, mask: Mask | None = None) -> Sparse:
 
     What reaches beyond the image width cannot be a match and counts as unknown.
     """
+    # As nearly every map is: two quick looks, and nothing to change.
+    if mask is None and disparity.values.min() >= 0 and disparity.values.max() < disparity.shape[1]:
+        return Sparse(disparity.values, disparity.valid)
     valid = disparity.valid & (disparity.values < disparity.shape[1])
     valid = valid if mask is None else valid & mask
     return Sparse(disparity.values * valid, valid)

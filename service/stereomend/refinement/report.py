@@ -52,18 +52,35 @@ class Trace(NamedTuple):
         return self.local.inliers if self.fused is None else self.local.inliers | self.fused.chosen
 
 
-def assemble(
-    trace: Trace, params: RefineParams, backend: Backend, timings: dict[str, float], confidences: bool = True
-) -> RefinementResult:
-    """Bring the outcome back to input size and describe it; without `confidences` these are NaN."""
+class Mended(NamedTuple):
+    """The map that is returned, (H, W) px at input size, and what tells of it."""
+
+    disparity: FloatMap
+    trace: Trace
+    origin: Origin
+    timings: dict[str, float]
+    """Milliseconds of each stage."""
+
+
+def finish(trace: Trace, params: RefineParams, backend: Backend, timings: dict[str, float]) -> Mended:
+    """Bring the outcome back to input size."""
     initial, pair = trace.start.full, trace.pair
     origin = Origin(initial, initial.valid & enlarge_mask(trace.kept, pair.shape), pair.mask)
-    disparity = _at_input_size(trace, origin, params, backend)
+    return Mended(_at_input_size(trace, origin, params, backend), trace, origin, timings)
+
+
+def describe(
+    mended: Mended, params: RefineParams, backend: Backend, confidences: bool = True
+) -> RefinementResult:
+    """All that is told about a map; without `confidences`, which few answers hold, these are NaN."""
+    disparity, trace, origin, timings = mended
+    pair, valid = trace.pair, origin.initial.valid
     refined = Sparse(trace.outcome, trace.scene.shown(trace.outcome > 0))
     planes = _confidences(trace, refined, params, backend) if confidences else _not_asked_for(pair.shape)
-    quality = _quality(trace, refined, params, backend)
     provenance = provenance_of(disparity, origin, backend)
-    shares = {"valid_in": np.count_nonzero(initial.valid) / initial.valid.size} | shares_of(provenance)
+    shares = {"valid_in": np.count_nonzero(valid) / valid.size} | shares_of(provenance)
+    # Last, for it takes all cores, and one may still be writing the map.
+    quality = _quality(trace, refined, params, backend)
     return RefinementResult(
         disparity=disparity,
         confidence=planes[0],
@@ -71,7 +88,7 @@ def assemble(
         input_confidence=planes[1],
         depth_mm=_depth(disparity, pair, params),
         timings=timings,
-        meta=_describe(trace, params, backend) | {"quality": shares | quality},
+        meta=_meta(trace, params, backend) | {"quality": shares | quality},
     )
 
 
@@ -105,7 +122,8 @@ def _at_input_size(trace: Trace, origin: Origin, params: RefineParams, backend: 
         enlarged = enlarge_disparity(trace.refined, trace.pair.shape, backend)
     else:
         enlarged = at_input_size(trace.fused, origin.initial, params.fusion.near_px, backend)
-    enlarged = np.maximum(enlarged, 0)
+    if not enlarged.min() >= 0:
+        enlarged = np.maximum(enlarged, 0)
     disparity = enlarged.astype(np.float32, copy=False)
     return disparity if "gdr" in params.stages else np.where(origin.kept, origin.initial.u, disparity)
 
@@ -114,7 +132,7 @@ def _enlarged(confidence: Plane, size: Size, backend: Backend) -> FloatMap:
     return np.clip(backend.enlarge(confidence, size), 0, 1).astype(np.float32, copy=False)
 
 
-def _describe(trace: Trace, params: RefineParams, backend: Backend) -> dict[str, Any]:
+def _meta(trace: Trace, params: RefineParams, backend: Backend) -> dict[str, Any]:
     calibration = params.calibration(trace.pair.shape)
     calibrated = {} if calibration is None else {"calibration": asdict(calibration)}
     return calibrated | {

@@ -143,60 +143,15 @@ def test_a_strong_prior_holds_and_a_weak_one_yields(phantom):
     assert np.allclose(free, NATIVE.solve(left, right, u, params), atol=1e-3)
 
 
-def unit_differences(image, y, x):
-    """The differences to the neighbours of one pixel, of length 1, or 0 where there is no contrast."""
-    height, width = image.shape
-    differences = np.array(
-        [
-            image[min(max(y + dy, 0), height - 1), min(max(x + dx, 0), width - 1)] - image[y, x]
-            for dy in (-1, 0, 1)
-            for dx in (-1, 0, 1)
-            if (dy, dx) != (0, 0)
-        ]
-    )
-    norm = np.linalg.norm(differences)
-    return differences / norm if norm > 1e-3 else 0 * differences
-
-
-@EVERY_BACKEND
-@pytest.mark.parametrize("size", [(1, 1), (33, 1), (1, 33), (2, 3), (61, 47)])
-def test_similarity_follows_from_the_distance_of_unit_vectors(size, backend, phantom):
-    left, right, u = crop_of(phantom, size)
-    left[:: max(size[0] // 3, 1), : size[1] // 2] = 40
-    right[:, size[1] * 3 // 4 :] = 200
-    exact = [plane.astype(np.float64) for plane in (left, right, u)]
-    columns = np.arange(size[1])
-    warped = np.array([np.interp(columns - exact[2][y], columns, exact[1][y]) for y in range(size[0])])
-    found = backend.similarity(left, right, u)
-    assert found.shape == size
-    for y, x in np.ndindex(size):
-        own, other = unit_differences(exact[0], y, x), unit_differences(warped, y, x)
-        if own.any() and other.any():
-            expected = 1 - np.sum((own - other) ** 2) / 2
-            assert found[y, x] == pytest.approx(expected, abs=3e-3), (y, x)
-        else:
-            assert found[y, x] == 0
-
-
-@EVERY_BACKEND
-def test_similarity_of_an_image_with_itself_is_1_with_its_negative_minus_1(backend):
-    image = np.random.default_rng(4).uniform(20, 200, (47, 61)).astype(np.float32)
-    nowhere = np.zeros_like(image)
-    assert np.allclose(backend.similarity(image, image, nowhere), 1, atol=1e-5)
-    assert np.allclose(backend.similarity(image, 220 - image, nowhere), -1, atol=1e-5)
-    assert not backend.similarity(image, np.full_like(image, 99), nowhere).any()
-
-
 @pytest.mark.parametrize("size", [(1, 1), (3, 2000), (67, 53), (479, 631)])
-def test_what_the_pair_says_is_bitwise_equal_for_any_number_of_threads(size):
+def test_what_can_be_filled_and_reached_is_bitwise_equal_for_any_number_of_threads(size):
     rng = np.random.default_rng(5)
-    left, right, u = (rng.uniform(0, 40, size).astype(np.float32) for _ in range(3))
+    u = rng.uniform(0, 40, size).astype(np.float32)
     seeds, passing, soft = (rng.random(size) < share for share in (0.02, 0.8, 0.3))
     results = []
     for threads in (1, 2, 5):
         backend = select_backend("native", threads)
         planes = (
-            backend.similarity(left, right, u),
             *backend.fill_occlusions(u, passing, OcclusionRule(1, 1.3, 6)),
             backend.reach(seeds, passing, soft, u, 9.0),
         )

@@ -5,7 +5,17 @@ from __future__ import annotations
 import os
 
 from stereomend.errors import BackendUnavailable
-from stereomend.refinement.backends.base import Backend, Guide, OcclusionRule, Plane, Reading, Size, Usable
+from stereomend.refinement.backends.base import (
+    Backend,
+    Guide,
+    OcclusionRule,
+    Plane,
+    Reading,
+    ReuseRule,
+    Size,
+    SpeckleRule,
+    Usable,
+)
 from stereomend.refinement.backends.reference import ReferenceBackend
 
 __all__ = [
@@ -15,7 +25,9 @@ __all__ = [
     "OcclusionRule",
     "Plane",
     "Reading",
+    "ReuseRule",
     "Size",
+    "SpeckleRule",
     "Usable",
     "select_backend",
 ]

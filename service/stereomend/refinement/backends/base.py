@@ -14,6 +14,9 @@ from stereomend.refinement.stage_params import GdrParams, LdrParams
 Plane = npt.NDArray[np.floating[Any]]
 """float32 (H, W) for `native`, float64 for `reference`."""
 
+SMALLEST = 0.5
+"""A smaller disparity [px] is a network's way to say that it knows nothing."""
+
 Size = tuple[int, int]
 """Height and width in pixels."""
 
@@ -50,6 +53,31 @@ class OcclusionRule(NamedTuple):
     """Its largest length, in such rises."""
     slack: float
     """And so much more, px."""
+
+
+class ReuseRule(NamedTuple):
+    """When another map replaces the one at hand (R6)."""
+
+    margin: float
+    """Its evidence is larger by more than this."""
+    least: float = 0.3
+    """And its evidence is over this: a map that the pair contradicts replaces nothing."""
+    apart: float = 0.5
+    """And the two differ by more than this, px; nearer readings compete in the solver itself."""
+
+
+class SpeckleRule(NamedTuple):
+    """Which patches of a map are too small to be a surface."""
+
+    largest: int
+    """The most pixels of such a patch."""
+    step: float = 1.0
+    """The largest difference of neighbours inside of a patch, px."""
+
+    @classmethod
+    def of(cls, share: float, u: Plane) -> SpeckleRule:
+        """Patches of `u` up to a share of the picture."""
+        return cls(int(share * u.size))
 
 
 class Reading(NamedTuple):
@@ -110,8 +138,50 @@ class Backend(Protocol):
         """
         ...
 
-    def similarity(self, left: Plane, right: Plane, u: Plane) -> Plane:
-        """Inner product of left and warped right descriptors, (H, W) in [-1, 1], 0 without contrast."""
+    def evidence(self, left: Plane, right: Plane, maps: Sequence[Plane]) -> list[Plane]:
+        """n(u) of each map u, (H, W) in [-1, 1] (R1).
+
+        The inner product of left and warped right descriptors, 0 without contrast, averaged over 5 x 5
+        pixels; borders are mirrored. Two maps at once take less time than one after the other.
+        """
+        ...
+
+    def better(self, left: Plane, right: Plane, u: Plane, other: Plane, rule: ReuseRule) -> Plane:
+        """`u`, or `other` where the pair speaks for it far more and shows the pixel (R6)."""
+        ...
+
+    def halve(self, planes: Sequence[Plane]) -> list[Plane]:
+        """Planes of one size at half of it, sides rounded up, by the area mean."""
+        ...
+
+    def halve_weighed(self, u: Plane, weight: Plane) -> tuple[Plane, Plane]:
+        """Disparities, in pixels of the smaller size, and their weights at half of the size.
+
+        `u` is averaged with the weight, so that what has none does not smear over what has; where nothing
+        has any, all counts alike.
+        """
+        ...
+
+    def evidence_confidence(
+        self, left: Plane, right: Plane, u: Plane, usable: Usable, params: LdrParams
+    ) -> Plane:
+        """c, (H, W) in [0, 1] (R1): evidence and smoothness.
+
+        0 where `u` is not usable or at most `SMALLEST`, where the right image does not show the pixel, and
+        in speckles of `params.speckle_share`.
+        """
+        ...
+
+    def speckles(self, u: Plane, valid: Mask, rule: SpeckleRule) -> Mask:
+        """Valid pixels, (H, W), of patches of at most `rule.largest` pixels.
+
+        A patch goes on from a pixel to the next in its row or column as long as `u` changes by at most
+        `rule.step`.
+        """
+        ...
+
+    def edge_weights(self, channels: Sequence[Plane], params: GdrParams) -> Plane:
+        """w, (H, W) over 0 to 1 (R4), from 1 to 3 planes of levels, 0 to 255: the steepest counts."""
         ...
 
     def fill_occlusions(self, u: Plane, known: Mask, rule: OcclusionRule) -> tuple[Plane, Mask]:

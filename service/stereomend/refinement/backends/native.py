@@ -11,7 +11,18 @@ import numpy.typing as npt
 from stereomend import _native
 from stereomend.disparity import FloatMap, Mask
 from stereomend.opencv import cv2
-from stereomend.refinement.backends.base import UNGUIDED, Guide, OcclusionRule, Plane, Reading, Size, Usable
+from stereomend.refinement.backends.base import (
+    SMALLEST,
+    UNGUIDED,
+    Guide,
+    OcclusionRule,
+    Plane,
+    Reading,
+    ReuseRule,
+    Size,
+    SpeckleRule,
+    Usable,
+)
 from stereomend.refinement.stage_params import GdrParams, LdrParams
 
 
@@ -78,9 +89,42 @@ class NativeBackend:
         share, edge, prior, trust = (None if part is None else self.plane(part) for part in (weight, *guide))
         return self._engine.solve(*planes, share, constants, edge, prior, trust)
 
-    def similarity(self, left: Plane, right: Plane, u: Plane) -> Plane:
-        """See `Backend.similarity`."""
-        return self._engine.similarity(self.plane(left), self.plane(right), self.plane(u))
+    def evidence(self, left: Plane, right: Plane, maps: Sequence[Plane]) -> list[Plane]:
+        """See `Backend.evidence`."""
+        return [*self._engine.evidence(self.plane(left), self.plane(right), [self.plane(u) for u in maps])]
+
+    def better(self, left: Plane, right: Plane, u: Plane, other: Plane, rule: ReuseRule) -> Plane:
+        """See `Backend.better`."""
+        planes = (self.plane(left), self.plane(right), self.plane(u), self.plane(other))
+        return self._engine.better(*planes, *rule)
+
+    def halve(self, planes: Sequence[Plane]) -> list[Plane]:
+        """See `Backend.halve`."""
+        return [*self._engine.halve([self.plane(plane) for plane in planes])]
+
+    def halve_weighed(self, u: Plane, weight: Plane) -> tuple[Plane, Plane]:
+        """See `Backend.halve_weighed`."""
+        return self._engine.halve_weighed(self.plane(u), self.plane(weight))
+
+    def evidence_confidence(
+        self, left: Plane, right: Plane, u: Plane, usable: Usable, params: LdrParams
+    ) -> Plane:
+        """See `Backend.evidence_confidence`."""
+        planes = (self.plane(left), self.plane(right), self.plane(u))
+        constants = _native.TrustParams(
+            least=params.least_evidence, full=params.full_evidence, smallest=SMALLEST
+        )
+        rule = _rule(SpeckleRule.of(params.speckle_share, u))
+        return self._engine.trust(*planes, usable.valid, usable.matte, constants, rule)
+
+    def speckles(self, u: Plane, valid: Mask, rule: SpeckleRule) -> Mask:
+        """See `Backend.speckles`."""
+        return self._engine.speckles(self.plane(u), valid, _rule(rule))
+
+    def edge_weights(self, channels: Sequence[Plane], params: GdrParams) -> Plane:
+        """See `Backend.edge_weights`."""
+        planes = [self.plane(channel) for channel in channels]
+        return self._engine.edge_weights(planes, params.edge_falloff, params.edge_power, params.edge_floor)
 
     def fill_occlusions(self, u: Plane, known: Mask, rule: OcclusionRule) -> tuple[Plane, Mask]:
         """See `Backend.fill_occlusions`."""
@@ -103,3 +147,7 @@ class NativeBackend:
 def _resize(image: Plane, size: Size, interpolation: int) -> Plane:
     height, width = size
     return np.asarray(cv2.resize(image, (width, height), interpolation=interpolation), np.float32)
+
+
+def _rule(rule: SpeckleRule) -> _native.SpeckleRule:
+    return _native.SpeckleRule(largest=rule.largest, step=rule.step)

@@ -7,13 +7,33 @@ Algorithm 1 of Chambolle and Pock, J. Math. Imaging Vis. 40, 2011, with theta = 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from stereomend.disparity import Mask
-from stereomend.refinement.backends.base import UNGUIDED, Guide, OcclusionRule, Plane, Reading, Size, Usable
+from stereomend.refinement.backends import reference_evidence as parts
+from stereomend.refinement.backends.base import (
+    SMALLEST,
+    UNGUIDED,
+    Guide,
+    OcclusionRule,
+    Plane,
+    Reading,
+    ReuseRule,
+    Size,
+    SpeckleRule,
+    Usable,
+)
+from stereomend.refinement.backends.reference_search import (
+    NEIGHBOURS,
+    Land,
+    directional_medians,
+    from_nearest,
+    unknown_runs,
+    walk_all_ways,
+)
 from stereomend.refinement.stage_params import GdrParams, LdrParams
 
 Array = npt.NDArray[np.float64]
@@ -22,7 +42,8 @@ MIN_NORM = 1e-3
 """Descriptors of less contrast [grey levels] are 0: below, float32 and float64 part ways."""
 MIN_GREY = 1.0
 """Floor of I_s in Eq. 2 [grey levels]."""
-_NEIGHBOURS = [(dy, dx) for dy in (-1, 0, 1) for dx in (-1, 0, 1) if (dy, dx) != (0, 0)]
+HARDLY = 1e-6
+"""A weight so small that it counts only where there is no other."""
 
 
 class ReferenceBackend:
@@ -91,11 +112,52 @@ class ReferenceBackend:
             u, p = iterate(u, p, (a, r - a * u), params, guide)
         return u
 
-    def similarity(self, left: Plane, right: Plane, u: Plane) -> Plane:
-        """See `Backend.similarity`."""
-        left, right, u = self.plane(left), self.plane(right), self.plane(u)
-        product: Array = np.sum(describe(left, "signed") * describe(warp(right, u), "signed"), axis=0)
-        return product
+    def evidence(self, left: Plane, right: Plane, maps: Sequence[Plane]) -> list[Plane]:
+        """See `Backend.evidence`."""
+        left, right = self.plane(left), self.plane(right)
+        own = describe(left, "signed")
+        warped = (describe(warp(right, self.plane(u)), "signed") for u in maps)
+        return [parts.mean_5x5(np.sum(own * other, axis=0)) for other in warped]
+
+    def better(self, left: Plane, right: Plane, u: Plane, other: Plane, rule: ReuseRule) -> Plane:
+        """See `Backend.better`."""
+        u, other = self.plane(u), self.plane(other)
+        found, claimed = self.evidence(left, right, (u, other))
+        stronger = (claimed > found + rule.margin) & (claimed > rule.least) & ~self.unobserved(other)
+        return np.where(stronger & (np.abs(other - u) > rule.apart), other, u)
+
+    def halve(self, planes: Sequence[Plane]) -> list[Plane]:
+        """See `Backend.halve`."""
+        return [_apply(area_weights, plane, half_of(plane)) for plane in planes]
+
+    def halve_weighed(self, u: Plane, weight: Plane) -> tuple[Plane, Plane]:
+        """See `Backend.halve_weighed`."""
+        share = self.plane(weight) + HARDLY
+        total, shares, weights = self.halve([share * u, share, weight])
+        return total / shares * (total.shape[1] / u.shape[1]), weights
+
+    def evidence_confidence(
+        self, left: Plane, right: Plane, u: Plane, usable: Usable, params: LdrParams
+    ) -> Plane:
+        """See `Backend.evidence_confidence`."""
+        (n,), u = self.evidence(left, right, [u]), self.plane(u)
+        counts = usable.valid & usable.matte & (u > SMALLEST) & ~self.unobserved(u)
+        counts &= ~self.speckles(u, usable.valid, SpeckleRule.of(params.speckle_share, u))
+        share = (n - params.least_evidence) / max(params.full_evidence - params.least_evidence, 1e-9)
+        confidence: Array = np.clip(share, 0, 1) * np.exp(-np.abs(u - parts.median_5x5(u))) * counts
+        return confidence
+
+    def speckles(self, u: Plane, valid: Mask, rule: SpeckleRule) -> Mask:
+        """See `Backend.speckles`."""
+        label = parts.patches(self.plane(u), valid, rule.step)
+        small: Mask = valid & (np.bincount(label.ravel())[label] <= rule.largest)
+        return small
+
+    def edge_weights(self, channels: Sequence[Plane], params: GdrParams) -> Plane:
+        """See `Backend.edge_weights`."""
+        steepest = np.max([np.hypot(*gradient(self.plane(channel))) for channel in channels], axis=0) / 255
+        weight: Array = np.exp(-params.edge_falloff * steepest**params.edge_power)
+        return np.maximum(weight, params.edge_floor)
 
     def fill_occlusions(self, u: Plane, known: Mask, rule: OcclusionRule) -> tuple[Plane, Mask]:
         """See `Backend.fill_occlusions`."""
@@ -109,10 +171,7 @@ class ReferenceBackend:
 
     def reach(self, seeds: Mask, passing: Mask, soft: Mask, u: Plane, step: float) -> Mask:
         """See `Backend.reach`."""
-        land = Land(seeds, passing, soft, self.plane(u))
-        for turn in (_as_it_is, _mirrored, _turned, _turned_over):
-            land = land._replace(reached=turn(walk(Land(*map(turn, land)), step)))
-        return np.ascontiguousarray(land.reached)
+        return walk_all_ways(Land(seeds, passing, soft, self.plane(u)), step)
 
     def mismatch(self, left: Plane, readings: Sequence[Reading]) -> list[tuple[float, int]]:
         """See `Backend.mismatch`."""
@@ -134,6 +193,12 @@ class ReferenceBackend:
         hidden[:, :-1] = leftmost[:, 1:] <= column[:, :-1] - 1
         unseen: Mask = hidden | (column < 0) | (column > width - 1)
         return unseen
+
+
+def half_of(plane: Plane) -> Size:
+    """Half of a plane's sides, rounded up."""
+    height, width = plane.shape
+    return (height + 1) // 2, (width + 1) // 2
 
 
 def area_weights(source: int, target: int) -> Array:
@@ -195,7 +260,7 @@ def describe(image: Array, descriptor: str) -> Array:
     """Differences to the 3 x 3 neighbours divided by their norm (Eq. 10), (8, H, W); borders repeated."""
     height, width = image.shape
     padded = np.pad(image, 1, mode="edge")
-    shifted = [padded[1 + dy : 1 + dy + height, 1 + dx : 1 + dx + width] for dy, dx in _NEIGHBOURS]
+    shifted = [padded[1 + dy : 1 + dy + height, 1 + dx : 1 + dx + width] for dy, dx in NEIGHBOURS]
     differences = np.stack(shifted) - image
     if descriptor == "absolute":
         differences = np.abs(differences)
@@ -290,84 +355,3 @@ def iterate(
         u = prox_data(u + params.tau * divergence(p), step, data, draw)
         u_bar = 2 * u - old
     return u, p
-
-
-def unknown_runs(known: Mask) -> list[tuple[int, int, int]]:
-    """Row, first column and the one after the last of each run of unknown pixels between known ones."""
-    runs = []
-    for y, row in enumerate(known):
-        edges = np.flatnonzero(np.diff(np.concatenate([[True], row, [True]]).astype(np.int8)))
-        runs += [
-            (y, int(a), int(b))
-            for a, b in zip(edges[::2], edges[1::2], strict=True)
-            if a > 0 and b < row.size
-        ]
-    return runs
-
-
-class Land(NamedTuple):
-    """What can be walked on, each (H, W), as `Backend.reach` says."""
-
-    reached: Mask
-    passing: Mask
-    soft: Mask
-    u: Array
-
-
-def _as_it_is(plane: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    return plane
-
-
-def _mirrored(plane: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    return plane[:, ::-1]
-
-
-def _turned(plane: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    return plane.T
-
-
-def _turned_over(plane: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    return plane[::-1, ::-1].T
-
-
-def walk(land: Land, step: float) -> Mask:
-    """What can be reached from the left along rows."""
-    reached = land.reached.copy()
-    for x in range(1, reached.shape[1]):
-        joined = np.abs(land.u[:, x] - land.u[:, x - 1]) <= step
-        joined |= land.soft[:, x] | land.soft[:, x - 1]
-        reached[:, x] |= reached[:, x - 1] & land.passing[:, x] & joined
-    return reached
-
-
-def directional_medians(u: Array, known: Mask, steps: int) -> Array:
-    """Median of the first known values within `steps` steps in eight directions, NaN for none, (H, W)."""
-    met = np.stack([_first_met(u, known, direction, steps) for direction in _NEIGHBOURS])
-    order = np.sort(met, axis=0)
-    count = np.sum(np.isfinite(met), axis=0)
-    lower, upper = (
-        np.take_along_axis(order, np.maximum(i, 0)[None], 0)[0] for i in ((count - 1) // 2, count // 2)
-    )
-    return np.where(count > 0, (lower + upper) / 2, np.nan)
-
-
-def _first_met(u: Array, known: Mask, direction: tuple[int, int], steps: int) -> Array:
-    height, width = u.shape
-    y, x = np.mgrid[:height, :width]
-    met = np.full(u.shape, np.nan)
-    for step in range(1, min(steps, max(height, width)) + 1):
-        row, column = y + step * direction[0], x + step * direction[1]
-        inside = (row >= 0) & (row < height) & (column >= 0) & (column < width) & np.isnan(met)
-        hit = np.flatnonzero(inside)[known[row[inside], column[inside]]]
-        met.flat[hit] = u[row.flat[hit], column.flat[hit]]
-    return met
-
-
-def from_nearest(u: Array, known: Mask) -> Array:
-    """Replace what is not known by the nearest known value; of equals the leftmost, then the upper."""
-    columns, rows = np.nonzero(known.T)
-    result = u.copy()
-    for y, x in np.argwhere(~known):
-        nearest = np.argmin((rows - y) ** 2 + (columns - x) ** 2)
-        result[y, x] = u[rows[nearest], columns[nearest]]
-    return result

@@ -1,0 +1,127 @@
+"""The choice between the upload and GDR's map (R8 to R10) of the reference, in NumPy float64."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from stereomend.disparity import Mask
+from stereomend.refinement.backends.base import CELL, ChoiceRule, Grounds, PollRule, Polls, Rivals
+from stereomend.refinement.backends.reference_evidence import mean_5x5, patches
+from stereomend.refinement.backends.reference_search import Land, walk_all_ways
+
+Array = npt.NDArray[np.float64]
+
+_AROUND = 7  # px on each side of the window that roughness is looked for in
+
+
+def ramp(values: Array, low: float, high: float) -> Array:
+    """0 up to `low`, 1 from `high` on, linear between them."""
+    return np.asarray(np.clip((values - low) / max(high - low, 1e-9), 0, 1), np.float64)
+
+
+def poll(rivals: Rivals, matte: Mask, spoilt: Mask, rule: PollRule) -> Polls:
+    """See `Backend.poll`."""
+    upload, u, n = (np.asarray(plane, np.float64) for plane in (rivals.upload, rivals.u, rivals.for_u))
+    inside = np.arange(u.shape[1]) - u > rule.frame
+    votes = ramp(n, *rule.clear) * (rivals.u_shown & rivals.valid & matte & inside)
+    agreeing = votes * np.exp(-(((upload - u) / rule.tolerance) ** 2))
+    fair = votes * (near(rivals, rule.near) & ~spoilt)
+    shown = rivals.u_shown.astype(np.float64)
+    parts = (votes, agreeing, fair, fair * (rivals.for_upload - n), fair * n, shown, shown * u, shown * u * u)
+    return Polls(*map(cells, parts))
+
+
+def cells(values: Array) -> Array:
+    """Means over cells, (H / CELL, W / CELL) rounded up."""
+    sums, sizes = values, np.ones(values.shape)
+    for axis in (0, 1):
+        starts = np.arange(0, values.shape[axis], CELL)
+        sums, sizes = (np.add.reduceat(part, starts, axis=axis) for part in (sums, sizes))
+    mean: Array = sums / sizes
+    return mean
+
+
+def near(rivals: Rivals, limit: float) -> Mask:
+    """Where both maps say nearly the same, (H, W)."""
+    found: Mask = rivals.valid & (np.abs(rivals.upload - rivals.u) < limit)
+    return found
+
+
+class _Settled(NamedTuple):
+    """What the evidence decides, each (H, W)."""
+
+    decided: Mask
+    share: Array
+    """Where it is decided."""
+    seeds: Mask
+    passing: Mask
+
+
+def choose(rivals: Rivals, grounds: Grounds, rule: ChoiceRule) -> Array:
+    """See `Backend.choose`."""
+    upload = np.asarray(rivals.upload, np.float64)
+    settled, even = _settle(rivals, grounds, rule), straight(upload, rule.step)
+    soft = even | (grounds.edge < rule.soft_edge)
+    reached = walk_all_ways(Land(settled.seeds, settled.passing, soft, upload), rule.step)
+    label = patches(upload, rivals.valid, rule.step, even)
+    kept = rivals.valid & (np.bincount(label.ravel())[label] > rule.largest_patch)
+    return np.where(settled.decided, settled.share, reached) * kept
+
+
+def _settle(rivals: Rivals, grounds: Grounds, rule: ChoiceRule) -> _Settled:
+    level, close = np.asarray(grounds.level, np.float64), near(rivals, rule.near)
+    high, enough = level >= rule.high_trust, level > rule.enough
+    n = np.asarray(rivals.for_u, np.float64)
+    margin = rule.win_margin - (rule.win_margin + rule.trusted_margin) * ramp(
+        level, rule.full_trust, rule.high_trust
+    )
+    wins = rivals.upload_shown & (mean_5x5(rivals.for_upload - n) > margin)
+    strong = rivals.u_shown & ~grounds.glints & (mean_5x5(n) >= rule.weak_share * grounds.usual)
+    comparable = rivals.upload_shown & ~(grounds.beside & high)
+    contradicted = strong & ~close & ~wins & (comparable | ~high)
+    uneven = spikes(np.asarray(rivals.upload, np.float64), rule.spike) | ~rivals.valid
+    return _Settled(
+        np.where(close, rivals.u_shown, strong & comparable),
+        np.where(close, grounds.equal, enough & wins),
+        enough & close & rivals.u_shown & rivals.upload_shown,
+        rivals.valid & enough & ~contradicted & (share_around(uneven) <= rule.rough_share),
+    )
+
+
+def spikes(u: Array, height: float) -> Mask:
+    """Above or below both neighbours of the row, or of the column, by more than `height`."""
+    found = np.zeros(u.shape, np.bool_)
+    for axis in (0, 1):
+        step, flags = np.moveaxis(np.diff(u, axis=axis), axis, 0), np.moveaxis(found, axis, 0)
+        back, forth = step[:-1], -step[1:]
+        flags[1:-1] |= (np.minimum(back, forth) > height) | (np.maximum(back, forth) < -height)
+    return found
+
+
+def straight(u: Array, step: float) -> Mask:
+    """A slope that goes on as it came, up to `step` px, along both axes, with its match not left of the frame."""
+    found: Mask = np.arange(u.shape[1]) >= u
+    for axis in (0, 1):
+        bend, flags = np.moveaxis(np.abs(np.diff(u, 2, axis=axis)), axis, 0), np.moveaxis(found, axis, 0)
+        flags[1:-1] &= bend <= step
+    return found
+
+
+def share_around(flags: Mask) -> Array:
+    """The share of the pixels within 7 px along both axes, of those inside the picture."""
+    sums, sizes = flags.astype(np.float64), np.ones(flags.shape)
+    for axis in (0, 1):
+        sums, sizes = (_sum_around(part, axis) for part in (sums, sizes))
+    share: Array = sums / sizes
+    return share
+
+
+def _sum_around(values: Array, axis: int) -> Array:
+    padding = [(0, 0), (0, 0)]
+    padding[axis] = (_AROUND, _AROUND)
+    windows = np.lib.stride_tricks.sliding_window_view(np.pad(values, padding), 2 * _AROUND + 1, axis=axis)
+    total: Array = windows.sum(axis=-1)
+    return total
