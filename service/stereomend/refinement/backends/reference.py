@@ -20,12 +20,14 @@ from stereomend.refinement.backends.base import (
     Guide,
     OcclusionRule,
     Plane,
+    Problem,
     Reading,
     ReuseRule,
     Size,
     SpeckleRule,
     Usable,
 )
+from stereomend.refinement.backends.coarse_to_fine import coarse_to_fine
 from stereomend.refinement.backends.reference_search import (
     NEIGHBOURS,
     Land,
@@ -111,6 +113,10 @@ class ReferenceBackend:
             a, r = (window_mean(share * term, params.averaging_px) for term in (gg, gr))
             u, p = iterate(u, p, (a, r - a * u), params, guide)
         return u
+
+    def globally(self, problem: Problem, params: GdrParams) -> Plane:
+        """See `Backend.globally`."""
+        return coarse_to_fine(problem, params, self)
 
     def evidence(self, left: Plane, right: Plane, maps: Sequence[Plane]) -> list[Plane]:
         """See `Backend.evidence`."""
