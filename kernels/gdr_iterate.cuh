@@ -67,9 +67,12 @@ struct Stand {
     bool right_end;
 };
 
-// Tiles overlap by twice the number of iterations; the first begins at the image's own border, where nothing is cut.
+// Each iteration looks one pixel further in every direction: so many at the rim of a tile are read but not written.
+DEVICE_FN int halo_of(const Fused& in) { return in.iterations; }
+
+// Tiles overlap by two halos; the first begins at the image's own border, where nothing is cut.
 DEVICE_FN Stand stand_of(const Fused& in) {
-    const int stride = kTile - 2 * in.iterations;
+    const int stride = kTile - 2 * halo_of(in);
     Stand at;
     at.column = threadIdx.x;
     at.row = threadIdx.y * kStrip;
@@ -152,7 +155,7 @@ DEVICE_FN void primal_strip(const Fused& in, const Stand& at, Column& own, const
 
 // What no iteration has reached from beyond the tile.
 DEVICE_FN void store_column(const Fused& in, const Stand& at, const Column& own) {
-    const int halo = in.iterations;
+    const int halo = halo_of(in);
     const int x = at.x - at.column;
     const int y = at.y - at.row;
     if ((x > 0 && at.column < halo) || (x + kTile < in.width && at.column >= kTile - halo)) return;

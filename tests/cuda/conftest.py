@@ -1,4 +1,4 @@
-"""What is marked `emulated` needs nvcc and PyCUDA: skipped without them, failed without where REQUIRE_CUDA=1."""
+"""What uses `emulated` needs nvcc and PyCUDA: skipped without them, failed without if REQUIRE_CUDA=1."""
 
 import importlib.util
 import os

@@ -1,4 +1,4 @@
-"""What the tests run on the emulated device, each function in a process of its own: the backend as it is installed."""
+"""What the tests run on the emulated device, each function in a process of its own."""
 
 import os
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""What the device is given: phantoms as the local stage leaves them, and solves with all parts of the model."""
+"""What the device is given: phantoms as the local stage leaves them, and solves with parts of the model."""
 
 from functools import cache
 

@@ -164,12 +164,15 @@ def compilers() -> Iterator[Compiler]:
     nvcc = shutil.which("nvcc") or shutil.which("nvcc", path=f"{home}/bin")
     if nvcc is not None:
         yield Nvcc(nvcc)
+    seen = set()
     for library in _nvrtc_libraries():
         try:
             found = Nvrtc(library)
         except OSError:
             continue
-        yield found
+        if found.version not in seen:
+            yield found
+        seen.add(found.version)
 
 
 def _nvrtc_libraries() -> list[str]:
