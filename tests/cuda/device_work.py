@@ -11,7 +11,7 @@ from fakecuda.build import CACHE
 
 from stereomend.disparity import RefinementResult
 from stereomend.refinement import refine, select_backend
-from stereomend.refinement.backends import Guide, Problem, cuda_solver
+from stereomend.refinement.backends import Guide, Problem, cuda_plan, cuda_solver
 from stereomend.refinement.backends.cuda import CudaBackend
 from stereomend.refinement.backends.cuda_compile import Sources
 from stereomend.refinement.stage_params import GdrParams
@@ -66,6 +66,13 @@ def solve_in_place(case: Case) -> np.ndarray:
     two = cuda_solver._Level.state
     cuda_solver._Level.state = lambda level, _: two(level, 0)
     return solve([case])[0]
+
+
+def solve_too_long(case: Case, longest: int) -> tuple[np.ndarray, list[str]]:
+    """And the kernels that ran, on a device whose launches reach so far."""
+    cuda_plan.LONGEST_SIDE = longest
+    found = solve([case])[0]
+    return found, FakeDevice().kernels()
 
 
 def refined(pair: Sequence[np.ndarray], params: Mapping[str, Any], backend: str) -> RefinementResult:

@@ -117,6 +117,14 @@ def test_the_prior_replaces_what_coarser_levels_found_where_it_does_on_the_cpu()
     assert near(run(device_work.globally, problem=problem, params=params)[0].u, expected)
 
 
+@pytest.mark.parametrize(("longest", "on_device"), [(61, True), (60, False)])
+def test_a_picture_too_long_for_a_launch_is_left_to_the_cpu(longest, on_device):
+    case = case_of("all", (61, 47))
+    found, kernels = run(device_work.solve_too_long, case=case, longest=longest)
+    assert bool(kernels) == on_device
+    assert np.abs(found - solved(NATIVE, case)).max() <= (ONE_WARP_PX if on_device else 0)
+
+
 @pytest.mark.parametrize("preset", PRESETS)
 def test_a_whole_refinement_is_that_of_the_cpu(preset):
     pair, broken = upload_of(122, 94)

@@ -25,7 +25,7 @@ from stereomend.refinement.stage_params import GdrParams
 class CudaBackend(NativeBackend):
     """Implements `Backend`: LDR and fusion are the CPU's, as `native` does them, GDR is the device's.
 
-    One call at a time reaches the device; others wait.
+    One call at a time reaches the device; others wait. A picture too long for a launch is left to the CPU.
 
     Raises:
         BackendUnavailable: package, driver, device or compiler are missing; the message says which.
@@ -52,11 +52,15 @@ class CudaBackend(NativeBackend):
         guide: Guide = UNGUIDED,
     ) -> Plane:
         """See `Backend.solve`."""
+        if max(left.shape) > plan.LONGEST_SIDE:
+            return super().solve(left, right, u, params, weight=weight, guide=guide)
         inputs = Inputs(left, right, u, weight, (), *guide)
         return self._solve(inputs, params.model_copy(update={"levels": 1}))
 
     def globally(self, problem: Problem, params: GdrParams) -> Plane:
         """See `Backend.globally`."""
+        if max(problem.size) > plan.LONGEST_SIDE:
+            return super().globally(problem, params)
         inputs = Inputs(
             problem.left,
             problem.right,
@@ -70,8 +74,6 @@ class CudaBackend(NativeBackend):
         return self._solve(inputs, params)
 
     def _solve(self, inputs: Inputs, params: GdrParams) -> Plane:
-        if max(inputs.left.shape) > plan.LONGEST_SIDE:
-            raise ValueError(f"a side of {max(inputs.left.shape)} px; a launch reaches {plan.LONGEST_SIDE}")
         with self._gpu.current():
             return self._solver.solve(inputs, params)
 

@@ -70,6 +70,20 @@ class Device(Protocol):
         ...
 
 
+class _Layout(NamedTuple):
+    """Which parts there are: what buffers depend on besides the size."""
+
+    channels: int
+    weighed: bool
+    edged: bool
+    drawn: bool
+
+    @property
+    def halved(self) -> int:
+        """Planes that coarser levels have the area mean of: left, right, start, and these."""
+        return 3 + self.weighed + self.channels
+
+
 class Inputs(NamedTuple):
     """What a solve is given, each (H, W)."""
 
@@ -96,10 +110,10 @@ class Inputs(NamedTuple):
         return self.halved + [plane for plane in guides if plane is not None]
 
     @property
-    def layout(self) -> tuple[int, ...]:
-        """Which parts there are: what buffers depend on besides the size."""
-        parts = (self.weight, self.edge, self.trust)
-        return (len(self.channels), *(part is not None for part in parts))
+    def layout(self) -> _Layout:
+        """Which parts there are."""
+        parts = (part is not None for part in (self.weight, self.edge, self.trust))
+        return _Layout(len(self.channels), *parts)
 
     @property
     def _weights(self) -> list[Plane]:
@@ -118,13 +132,12 @@ class _State(NamedTuple):
 class _Level:
     """The planes of one level on the device, each made when it is first asked for."""
 
-    def __init__(self, device: Device, size: Size, inputs: Inputs) -> None:
+    def __init__(self, device: Device, size: Size, layout: _Layout) -> None:
         self.size = size
+        self.layout = layout
         self._device = device
         self._kept: dict[str, Any] = {}
-        self._inputs = inputs.layout
-        self.halved = len(inputs.halved)
-        self.stack = self.plane("stack", self.halved)
+        self.stack = self.plane("stack", layout.halved)
 
     @property
     def extent(self) -> tuple[int, int]:
@@ -164,12 +177,12 @@ class _Level:
     @property
     def weight(self) -> Address:
         """Of the data term."""
-        return self.stack + 3 * self.bytes if self._inputs[1] else 0
+        return self.stack + 3 * self.bytes if self.layout.weighed else 0
 
     @property
     def channels(self) -> Address:
         """One after the other."""
-        return self.stack + (self.halved - self._inputs[0]) * self.bytes
+        return self.stack + (self.layout.halved - self.layout.channels) * self.bytes
 
     def edge(self, wanted: bool) -> Address:
         """Weight of the smoothness."""
@@ -178,12 +191,12 @@ class _Level:
     @property
     def prior(self) -> Address:
         """What u is drawn to."""
-        return self.plane("prior") if self._inputs[3] else 0
+        return self.plane("prior") if self.layout.drawn else 0
 
     @property
     def trust(self) -> Address:
         """Its weight."""
-        return self.plane("trust") if self._inputs[3] else 0
+        return self.plane("trust") if self.layout.drawn else 0
 
 
 class _Buffers(NamedTuple):
@@ -207,26 +220,31 @@ class Solver:
         self._upload(inputs, buffers)
         for finer, coarser in pairwise(levels):
             self._halve(finer, coarser, params)
-        run = _Run(self._device, params)
-        u = levels[-1].start
-        for level in reversed(levels):
-            finest = level is levels[0]
-            if level is not levels[-1]:
-                u = self._enlarge(u, levels[levels.index(level) + 1], level)
-                if not finest and params.reuse_margin is not None:
-                    run.better(level, u, ReuseRule(params.reuse_margin))
-            edged = inputs.edge is not None if finest else params.edge_falloff != 0
-            u = run.solve(level, u, schedule(params, finest), level.edge(edged))
+        u = self._climb(levels, inputs, params)
         self._device.download(buffers.received, u)
         self._device.finish()
         return buffers.received.copy()
+
+    def _climb(self, levels: list[_Level], inputs: Inputs, params: GdrParams) -> Address:
+        run = _Run(self._device, params)
+        coarsest, *finer = reversed(levels)
+        u, below = coarsest.start, coarsest
+        for level in (coarsest, *finer):
+            finest = level is levels[0]
+            if level is not coarsest:
+                u = self._enlarge(u, below, level)
+                if not finest and params.reuse_margin is not None:
+                    run.better(level, u, ReuseRule(params.reuse_margin))
+            edged = inputs.edge is not None if finest else params.edge_falloff != 0
+            u, below = run.solve(level, u, schedule(params, finest), level.edge(edged)), level
+        return u
 
     def _reserve(self, inputs: Inputs, sizes: Sequence[Size]) -> _Buffers:
         key = (*sizes, inputs.layout)
         if key not in self._buffers:
             while len(self._buffers) >= KEPT_SIZES:
                 self._buffers.popitem(last=False)
-            levels = [_Level(self._device, size, inputs) for size in sizes]
+            levels = [_Level(self._device, size, inputs.layout) for size in sizes]
             sent = self._device.pinned((len(inputs.whole), *sizes[0]))
             self._buffers[key] = _Buffers(levels, sent, self._device.pinned(sizes[0]))
         self._buffers.move_to_end(key)
@@ -236,24 +254,24 @@ class Solver:
         finest = buffers.levels[0]
         for place, plane in zip(buffers.sent, inputs.whole, strict=True):
             np.copyto(place, plane)
-        self._device.upload(finest.stack, buffers.sent[: finest.halved])
-        rest = iter(buffers.sent[finest.halved :])
+        self._device.upload(finest.stack, buffers.sent[: finest.layout.halved])
+        rest = iter(buffers.sent[finest.layout.halved :])
         for name in ("edge", "prior", "trust"):
             if getattr(inputs, name) is not None:
                 self._device.upload(finest.plane(name), next(rest))
 
     def _halve(self, finer: _Level, coarser: _Level, params: GdrParams) -> None:
-        shape = plan.per_pixel(coarser.size, layers=finer.halved)
+        shape = plan.per_pixel(coarser.size, layers=finer.layout.halved)
         self._device.launch("halve", shape, finer.stack, coarser.stack, *finer.extent, 2)
         shape = plan.per_pixel(coarser.size)
         if finer.trust:
-            planes = (finer.prior, finer.trust, coarser.prior, coarser.trust)
-            self._device.launch("halve_weighed", shape, *planes, *finer.extent)
+            guides = (finer.prior, finer.trust, coarser.prior, coarser.trust)
+            self._device.launch("halve_weighed", shape, *guides, *finer.extent)
         if params.edge_falloff:
             constants = (params.edge_falloff, params.edge_power, params.edge_floor)
-            count = coarser.halved - (coarser.channels - coarser.stack) // coarser.bytes
-            edge = coarser.edge(True)
-            self._device.launch("edges", shape, coarser.channels, edge, count, *coarser.extent, *constants)
+            planes = coarser.channels, coarser.edge(True)
+            counts = (coarser.layout.channels, *coarser.extent)
+            self._device.launch("edges", shape, *planes, *counts, *constants)
 
     def _enlarge(self, u: Address, coarser: _Level, finer: _Level) -> Address:
         out = finer.plane("enlarged")
