@@ -1,9 +1,11 @@
 // exp2 and log2 of float32 as polynomials that the compiler vectorises: neither a call nor a table.
 #pragma once
 
-#include <string.h>
-
 #include "pixel.cuh"
+
+#ifndef __CUDACC_RTC__
+#include <string.h>
+#endif
 
 namespace stereomend {
 

@@ -131,7 +131,7 @@ def _add_refine(parser: argparse.ArgumentParser) -> None:
         help="override, such as gdr.warps=10",
     )
     _add_calibration(parser)
-    add("--backend", default="auto", help="auto, native or reference, for refining here")
+    add("--backend", default="auto", help="auto, cuda, native or reference, for refining here")
     add("--url", help="refine on this server instead of here")
     add("--api-key", default=os.environ.get("STEREOMEND_API_KEY"), help="default: $STEREOMEND_API_KEY")
     add("--preview", type=Path, metavar="PNG", help="also write a colour picture")
@@ -299,7 +299,7 @@ def _add_bench(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("--size", type=_size, nargs="+", metavar="WxH", help="of the input in px; it is worked at half of it")
     add("--preset", nargs="+", help="default: all")
-    add("--backend", nargs="+", help="native, reference; default: native")
+    add("--backend", nargs="+", help="cuda, native, reference; default: native")
     add("--threads", type=int, nargs="+", help="default: 1, 2 and all cores")
     add("--repeats", type=int, help="rounds, each with every configuration once (default 9)")
     add("--json", type=Path, metavar="FILE", help="write all figures, and what they were measured on")

@@ -29,7 +29,7 @@ class Settings(BaseSettings):
 
     host: str = Field("127.0.0.1", description="address to listen on; other than loopback needs API keys")
     port: int = Field(8000, ge=0, le=65535, description="port to listen on; 0 takes a free one")
-    backend: Literal["auto", "native", "reference"] = Field("auto", description="what computes")
+    backend: Literal["auto", "cuda", "native", "reference"] = Field("auto", description="what computes")
     workers: int = Field(1, ge=1, le=64, description="worker processes")
     threads: int = Field(
         0, ge=0, le=256, description="threads per worker; 0: the cores shared among the workers"

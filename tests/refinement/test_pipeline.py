@@ -189,5 +189,5 @@ def test_contradictions_and_unknown_backends_are_refused():
         refine(IMAGE, IMAGE, initial="upload")
     with pytest.raises(InvalidParameter, match="nothing to refine"):
         refine(IMAGE, IMAGE, initial="zero", stages=["ldr"])
-    with pytest.raises(BackendUnavailable, match=r"'gpu'.*auto, native, reference"):
+    with pytest.raises(BackendUnavailable, match=r"'gpu'.*auto, cuda, native, reference"):
         refine(IMAGE, IMAGE, np.ones((10, 20)), backend="gpu")

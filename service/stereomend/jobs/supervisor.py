@@ -153,7 +153,8 @@ class Supervisor:
         try:
             hello = await worker.hello()
         except ConfigurationError as error:
-            self._cannot_start(str(error))
+            # At the start its caller says it.
+            self._cannot_start(str(error), said=not first.done())
             _settle(first, error)
         except Exception as error:
             self._cannot_start(f"a worker died while it started ({error!r})")
@@ -170,8 +171,9 @@ class Supervisor:
         self._idle.append(worker)
         self._hand_out()
 
-    def _cannot_start(self, problem: str) -> None:
-        log.error("%s", problem)
+    def _cannot_start(self, problem: str, said: bool = False) -> None:
+        if not said:
+            log.error("%s", problem)
         if not self._up:
             self._problem = problem
             self._refuse_waiting()

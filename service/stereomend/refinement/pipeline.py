@@ -55,7 +55,7 @@ def refine(  # noqa: PLR0913 - the same names as `Client.refine`, and what compu
         right: as `left`.
         disparity: (H, W) px, of the left image; not finite or <= 0 is unknown. None: matched by SGBM.
         mask: bool or integers, (H, W); 0 is not part of the scene. None: all is.
-        backend: `auto`, `native` or `reference`.
+        backend: `auto`, `cuda`, `native` or `reference`.
         threads: threads to compute with; 0 means one per core.
         **params: fields of `RefineParams`, such as `preset="released"` or `gdr={"warps": 10}`.
 

@@ -9,11 +9,22 @@ import numpy.typing as npt
 
 from stereomend.disparity import DisparityMap, Mask
 from stereomend.refinement.backends import HALF, Backend, Plane, Size
+from stereomend.refinement.backends.coarse_to_fine import enlarge_disparity, level_sizes
+
+__all__ = [
+    "HALF",
+    "Sparse",
+    "as_sparse",
+    "enlarge_disparity",
+    "enlarge_mask",
+    "level_sizes",
+    "sample",
+    "sample_disparity",
+    "shrink_disparity",
+    "working_size",
+]
 
 S = TypeVar("S", bound=np.generic)
-
-SMALLEST_SIDE = 8
-"""No level of a pyramid has a shorter side, in pixels, unless the finest has."""
 
 
 class Sparse(NamedTuple):
@@ -28,17 +39,6 @@ def working_size(size: Size, scale: float) -> Size:
     return max(1, round(size[0] * scale)), max(1, round(size[1] * scale))
 
 
-def level_sizes(size: Size, levels: int) -> list[Size]:
-    """Sizes of at most `levels` levels, finest first, each half of the one before, rounded up."""
-    sizes = [size]
-    while len(sizes) < levels:
-        height, width = ((side + 1) // 2 for side in sizes[-1])
-        if min(height, width) < SMALLEST_SIDE:
-            break
-        sizes.append((height, width))
-    return sizes
-
-
 def shrink_disparity(sparse: Sparse, size: Size, backend: Backend) -> Sparse:
     """Shrink by the area mean over valid pixels, times the width ratio; valid where half of the area is."""
     share = backend.shrink(sparse.valid, size)
@@ -46,12 +46,6 @@ def shrink_disparity(sparse: Sparse, size: Size, backend: Backend) -> Sparse:
     valid = np.ascontiguousarray(share >= HALF)
     ratio = total.dtype.type(size[1] / sparse.u.shape[1])
     return Sparse(total / np.where(valid, share, 1) * (ratio * valid), valid)
-
-
-def enlarge_disparity(u: Plane, size: Size, backend: Backend) -> Plane:
-    """Enlarge bilinearly, times the width ratio: the values are pixels of the new size."""
-    enlarged = backend.enlarge(u, size)
-    return enlarged * enlarged.dtype.type(size[1] / u.shape[1])
 
 
 def enlarge_mask(mask: Mask, size: Size) -> Mask:

@@ -18,6 +18,7 @@ from stereomend.refinement.backends.base import (
     Plane,
     PollRule,
     Polls,
+    Problem,
     Reading,
     ReuseRule,
     Rivals,
@@ -41,6 +42,7 @@ __all__ = [
     "Plane",
     "PollRule",
     "Polls",
+    "Problem",
     "Reading",
     "ReuseRule",
     "Rivals",
@@ -50,11 +52,11 @@ __all__ = [
     "select_backend",
 ]
 
-BACKENDS = ("auto", "native", "reference")
+BACKENDS = ("auto", "cuda", "native", "reference")
 
 
 def select_backend(name: str = "auto", threads: int = 0) -> Backend:
-    """Choose what computes: `auto` takes native.
+    """Choose what computes: `auto` takes cuda where it works, else native.
 
     Args:
         name: one of `BACKENDS`.
@@ -67,9 +69,26 @@ def select_backend(name: str = "auto", threads: int = 0) -> Backend:
         return ReferenceBackend("asked for")
     if name == "native":
         return _native(threads, "asked for")
+    if name == "cuda":
+        return _cuda(threads, "asked for")
     if name == "auto":
-        return _native(threads, "auto: the C++ kernels")
+        return _best(threads)
     raise BackendUnavailable(f"backend: got {name!r}, expected one of {', '.join(BACKENDS)}")
+
+
+def _best(threads: int) -> Backend:
+    try:
+        return _cuda(threads, "auto: a GPU is there")
+    except BackendUnavailable as error:
+        return _native(threads, f"auto: the C++ kernels; {error}")
+
+
+def _cuda(threads: int, reason: str) -> Backend:
+    # The CPU's part first: without it the device is of no use.
+    _native(1, reason)
+    from stereomend.refinement.backends.cuda import CudaBackend
+
+    return CudaBackend(threads or len(os.sched_getaffinity(0)), reason)
 
 
 def _native(threads: int, reason: str) -> Backend:

@@ -211,6 +211,28 @@ class Offer(NamedTuple):
     sample: Plane
 
 
+class Problem(NamedTuple):
+    """What GDR is given, each (H, W) at working size."""
+
+    left: Plane
+    right: Plane
+    channels: tuple[Plane, ...]
+    """Of the left image: grey, or R, G and B."""
+    prior: Plane
+    """Where the coarsest level starts, and what u is drawn to where there is trust, px."""
+    trust: Plane | None = None
+    """Weight of |u - prior|; None: it only starts."""
+    edge: Plane | None = None
+    """Weight of the smoothness, over 0 to 1; None: 1 everywhere."""
+    weight: Plane | None = None
+    """Of the data term, 0 to 1; None: 1 everywhere."""
+
+    @property
+    def size(self) -> Size:
+        """Height and width in pixels."""
+        return self.left.shape[0], self.left.shape[1]
+
+
 class Backend(Protocol):
     """The steps of LDR and GDR on one kind of hardware; the same numbers up to rounding."""
 
@@ -265,6 +287,14 @@ class Backend(Protocol):
         """All warps of one level from `u`, with the dual variable starting at zero (Eq. 9 to 14, R3 to R5).
 
         `weight`, (H, W) in [0, 1], multiplies the data term; None is 1 everywhere.
+        """
+        ...
+
+    def globally(self, problem: Problem, params: GdrParams) -> Plane:
+        """All of GDR from coarse to fine (Eq. 9 to 14, R3 to R6), (H, W) px.
+
+        What the levels make of each other is said in `coarse_to_fine`, which backends without a memory of
+        their own share.
         """
         ...
 

@@ -23,6 +23,7 @@ from stereomend.refinement.backends.base import (
     Plane,
     PollRule,
     Polls,
+    Problem,
     Reading,
     ReuseRule,
     Rivals,
@@ -30,6 +31,7 @@ from stereomend.refinement.backends.base import (
     SpeckleRule,
     Usable,
 )
+from stereomend.refinement.backends.coarse_to_fine import coarse_to_fine
 from stereomend.refinement.stage_params import GdrParams, LdrParams
 
 
@@ -107,6 +109,10 @@ class NativeBackend:
         planes = (self.plane(left), self.plane(right), self.plane(u))
         share, edge, prior, trust = (None if part is None else self.plane(part) for part in (weight, *guide))
         return self._engine.solve(*planes, share, constants, edge, prior, trust)
+
+    def globally(self, problem: Problem, params: GdrParams) -> Plane:
+        """See `Backend.globally`."""
+        return coarse_to_fine(problem, params, self)
 
     def evidence(self, left: Plane, right: Plane, maps: Sequence[Plane]) -> list[Plane]:
         """See `Backend.evidence`."""

@@ -26,6 +26,7 @@ from stereomend.refinement.backends.base import (
     Plane,
     PollRule,
     Polls,
+    Problem,
     Reading,
     ReuseRule,
     Rivals,
@@ -33,6 +34,7 @@ from stereomend.refinement.backends.base import (
     SpeckleRule,
     Usable,
 )
+from stereomend.refinement.backends.coarse_to_fine import coarse_to_fine
 from stereomend.refinement.backends.reference_search import (
     NEIGHBOURS,
     Land,
@@ -137,6 +139,10 @@ class ReferenceBackend:
             u, p = iterate(u, p, (a, r - a * u), params, guide)
         return u
 
+    def globally(self, problem: Problem, params: GdrParams) -> Plane:
+        """See `Backend.globally`."""
+        return coarse_to_fine(problem, params, self)
+
     def evidence(self, left: Plane, right: Plane, maps: Sequence[Plane]) -> list[Plane]:
         """See `Backend.evidence`."""
         left, right = self.plane(left), self.plane(right)
@@ -153,7 +159,7 @@ class ReferenceBackend:
 
     def halve(self, planes: Sequence[Plane]) -> list[Plane]:
         """See `Backend.halve`."""
-        return [_apply(area_weights, plane, half_of(plane)) for plane in planes]
+        return [_apply(area_weights, plane, parts.half_of(plane)) for plane in planes]
 
     def halve_weighed(self, u: Plane, weight: Plane) -> tuple[Plane, Plane]:
         """See `Backend.halve_weighed`."""
@@ -232,12 +238,6 @@ class ReferenceBackend:
         hidden[:, :-1] = leftmost[:, 1:] <= column[:, :-1] - 1
         unseen: Mask = hidden | (column < 0) | (column > width - 1)
         return unseen
-
-
-def half_of(plane: Plane) -> Size:
-    """Half of a plane's sides, rounded up."""
-    height, width = plane.shape
-    return (height + 1) // 2, (width + 1) // 2
 
 
 def area_weights(source: int, target: int) -> Array:

@@ -15,6 +15,12 @@ Array = npt.NDArray[np.float64]
 _SIDE = 5
 
 
+def half_of(plane: Plane) -> Size:
+    """Half of a plane's sides, rounded up."""
+    height, width = plane.shape
+    return (height + 1) // 2, (width + 1) // 2
+
+
 def mean_5x5(values: Array) -> Array:
     """Mean around each pixel, (H, W); borders are mirrored."""
     mean: Array = _windows(values, "symmetric").mean(axis=(2, 3))

@@ -1,0 +1,86 @@
+"""What the tests run on the emulated device, each function in a process of its own."""
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from fakecuda import Counters, FakeDevice, HostCounters
+from fakecuda.build import CACHE
+
+from stereomend.disparity import RefinementResult
+from stereomend.refinement import refine, select_backend
+from stereomend.refinement.backends import Guide, Problem, cuda_plan, cuda_solver
+from stereomend.refinement.backends.cuda import CudaBackend
+from stereomend.refinement.backends.cuda_compile import Sources
+from stereomend.refinement.stage_params import GdrParams
+
+Case = tuple[tuple[np.ndarray, np.ndarray, np.ndarray], GdrParams, np.ndarray | None, Guide]
+"""Left, right and u; parameters, weight of the data term and guide of one solve."""
+
+
+@dataclass
+class Counted:
+    """A map, and what the device counted while it was made."""
+
+    u: np.ndarray
+    kernels: dict[str, Counters]
+    host: HostCounters
+
+
+def backend_of(sources: Sources | None = None) -> CudaBackend:
+    # Compiled kernels stay with the fake driver's.
+    os.environ["XDG_CACHE_HOME"] = str(CACHE)
+    return CudaBackend(1, "test", sources)
+
+
+def globally(problem: Problem, params: GdrParams, repeats: int = 1) -> list[Counted]:
+    device, backend = FakeDevice(), backend_of()
+    found = []
+    for _ in range(repeats):
+        device.reset_counters()
+        u = backend.globally(problem, params)
+        counters = {name: device.counters(name) for name in device.kernels()}
+        found.append(Counted(u, counters, device.host()))
+    return found
+
+
+def solve(cases: Sequence[Case]) -> list[np.ndarray]:
+    backend = backend_of()
+    return [
+        backend.solve(*state, params, weight=weight, guide=guide) for state, params, weight, guide in cases
+    ]
+
+
+def solve_edited(case: Case, texts: Mapping[str, str], arguments: Mapping[str, str]) -> np.ndarray:
+    """With other kernels, or other types of their arguments, than those installed."""
+    cuda_solver.ARGUMENTS.update(arguments)
+    backend = backend_of(Sources(texts))
+    state, params, weight, guide = case
+    return backend.solve(*state, params, weight=weight, guide=guide)
+
+
+def solve_in_place(case: Case) -> np.ndarray:
+    """As if there were one set of planes instead of two."""
+    two = cuda_solver._Level.state
+    cuda_solver._Level.state = lambda level, _: two(level, 0)
+    return solve([case])[0]
+
+
+def solve_too_long(case: Case, longest: int) -> tuple[np.ndarray, list[str]]:
+    """And the kernels that ran, on a device whose launches reach so far."""
+    cuda_plan.LONGEST_SIDE = longest
+    found = solve([case])[0]
+    return found, FakeDevice().kernels()
+
+
+def refined(pair: Sequence[np.ndarray], params: Mapping[str, Any], backend: str) -> RefinementResult:
+    os.environ["XDG_CACHE_HOME"] = str(CACHE)
+    return refine(*pair, backend=backend, threads=1, **params)
+
+
+def chosen(name: str) -> tuple[str, str, str]:
+    os.environ["XDG_CACHE_HOME"] = str(CACHE)
+    backend = select_backend(name, 1)
+    return backend.name, backend.reason, backend.kernel
