@@ -9,6 +9,7 @@
 namespace {
 
 constexpr int kLargestSide = 40;
+constexpr int kLargestWidth = 140;  // flags are walked in words of 64
 
 // Takes bytes from the input as long as there are any, then zeros.
 class Bytes {
@@ -56,17 +57,19 @@ void find_any_chunks(Bytes& bytes) {
 extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
     static stereomend::Engine engines[] = {{1, ""}, {2, ""}, {3, ""}};
     Bytes bytes(data, size);
-    Scene scene = noisy_scene(1 + bytes.upto(kLargestSide - 1), 1 + bytes.upto(kLargestSide - 1), bytes.next<uint8_t>());
+    const int width = 1 + bytes.upto(kLargestWidth - 1);
+    const int height = 1 + bytes.upto(kLargestSide - 1);
+    Scene scene = noisy_scene(width, height, bytes.next<uint8_t>());
     stereomend::Engine& engine = engines[bytes.upto(2)];
     const stereomend::SolverParams params{bytes.next<float>(), bytes.next<float>(), 0.25f, 0.5f,
                                           bytes.upto(3),       bytes.upto(9),       bytes.upto(1) == 1,
                                           bytes.upto(1) == 1,  bytes.upto(16) / 4.0f};
+    for (std::vector<uint8_t>* flags : {&scene.known, &scene.soft})
+        for (uint8_t& flag : *flags) flag = bytes.upto(1);
     for (std::vector<float>* plane : {&scene.left, &scene.right, &scene.u, &scene.weight, &scene.edge, &scene.prior,
                                       &scene.trust})
         for (float& value : *plane)
             if (bytes.upto(7) == 0) value = bytes.next<float>();
-    for (std::vector<uint8_t>* flags : {&scene.known, &scene.soft})
-        for (uint8_t& flag : *flags) flag = bytes.upto(1);
     unfilter_any(bytes);
     find_any_chunks(bytes);
     run_all(engine, scene, params);

@@ -156,6 +156,27 @@ inline std::vector<float> run_resize(stereomend::Engine& engine, const Scene& sc
     return out;
 }
 
+// The polls, then the shares of the first of two maps: `u` against `prior`.
+inline std::vector<float> run_fusion(stereomend::Engine& engine, const Scene& scene) {
+    const size_t pixels = scene.u.size();
+    const auto [width, height] = scene.size;
+    const size_t cells = static_cast<size_t>(stereomend::cells_of(width)) * stereomend::cells_of(height);
+    std::vector<double> polls(stereomend::kPolls * cells);
+    const stereomend::Rivals rivals{scene.size,          scene.u.data(), scene.prior.data(), scene.edge.data(),
+                                    scene.weight.data(), scene.flags(),  scene.flags(),      scene.soft_flags()};
+    engine.poll(rivals, {scene.flags(), scene.soft_flags()}, {9.0f, 9.0f, 0.1f, 0.7f, 3.0f}, polls.data());
+    std::vector<float> out(polls.begin(), polls.end());
+    out.resize(out.size() + 2 * pixels);
+    float* share = out.data() + polls.size();
+    const stereomend::Grounds grounds{scene.weight.data(), scene.edge.data(), scene.trust.data(),
+                                      scene.weight.data(), scene.soft_flags(), scene.flags()};
+    // One of few patches and steps that join little, one of many that join nearly all.
+    engine.choose(rivals, grounds, {9.0f, 0.2f, 0.5f, 0.8f, 0.1f, 0.2f, 0.8f, 9.0f, 0.9f, 8.0f, 0.3f, 2}, share);
+    engine.choose(rivals, grounds, {30.0f, 0.1f, 0.2f, 0.3f, 0.1f, 0.2f, 0.8f, 30.0f, 1.0f, 30.0f, 0.9f, 0},
+                  share + pixels);
+    return out;
+}
+
 // All outputs of the kernels, one after the other.
 inline std::vector<float> run_all(stereomend::Engine& engine, const Scene& scene,
                                   const stereomend::SolverParams& params) {
@@ -176,7 +197,7 @@ inline std::vector<float> run_all(stereomend::Engine& engine, const Scene& scene
                       {21, 20.0f, 2, 2.0f}, out.data() + 2 * pixels);
     for (const std::vector<float>& part :
          {run_guided(engine, scene, params, {solved, solved + pixels}), run_evidence(engine, scene),
-          run_resize(engine, scene)})
+           run_resize(engine, scene), run_fusion(engine, scene)})
         out.insert(out.end(), part.begin(), part.end());
     return out;
 }

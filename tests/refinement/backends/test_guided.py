@@ -241,7 +241,7 @@ def test_what_can_be_reached_is_found_as_by_walking(backend, drawn, step):
 @pytest.mark.parametrize("turned", [False, True])
 @pytest.mark.parametrize("width", [63, 64, 65, 127, 128, 129, 150, 192, 193])
 def test_long_rows_are_walked_from_end_to_end(backend, width, turned):
-    """Flags are walked 64 at a time: from both ends, and with something in the way at or beside a seam."""
+    """Flags are walked 64 at a time: from both ends, with something in the way at or beside such seams."""
     rng = np.random.default_rng(width)
     for blocked in (None, 0, 1, 62, 63, 64, 65, 126, 127, 128, 191, 192):
         size = (12, width)
