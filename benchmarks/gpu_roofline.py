@@ -57,9 +57,7 @@ def report(preset: str, width: int, height: int) -> None:
     kernels = counted(preset, width, height)
     launches = sum(k.launches for k in kernels.values())
     moved = sum(k.global_read + k.global_written for k in kernels.values()) / 1e6
-    print(
-        f"\n{preset} at {width} x {height}, all levels: {sum(k.launches for k in kernels.values())} launches"
-    )
+    print(f"\n{preset} at {width} x {height}, all levels: {launches} launches, {moved:.0f} MB")
     print(f"  {'kernel':16s}{'launches':>9s}{'MB':>9s}{'Mflop':>9s}{'Minstr':>9s}")
     for name, k in sorted(kernels.items(), key=lambda item: -item[1].instructions):
         moved = (k.global_read + k.global_written) / 1e6
