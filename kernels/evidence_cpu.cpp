@@ -13,13 +13,6 @@
 namespace stereomend {
 namespace {
 
-constexpr float kMinSquare = kMinNorm * kMinNorm;
-
-PIXEL_FN float product(const float a[kNeighbours], const float b[kNeighbours]) {
-    float sum = 0.0f;
-    for (int k = 0; k < kNeighbours; ++k) sum += a[k] * b[k];
-    return sum;
-}
 
 template <class Row>
 struct Three {
@@ -38,10 +31,7 @@ void similarity_row(const Three<const float*>& left, const Three<GreyRow>& right
         float w[kNeighbours];
         differences(own.above, own.centre, own.below, x, v);
         differences(other.above, other.centre, other.below, x, w);
-        const float a = product(v, v);
-        const float b = product(w, w);
-        const float value = product(v, w) / sqrtf(larger(a, kMinSquare) * larger(b, kMinSquare));
-        out[x] = smaller(a, b) > kMinSquare ? value : 0.0f;
+        out[x] = similarity_of(v, w);
     }
 }
 
@@ -175,8 +165,6 @@ void trust(const ConfidenceInput& in, const TrustParams& params, int y, const bo
     for (int x = 0; x < width; ++x) row[x] *= static_cast<float>(valid[x] & matte[x] & (1 - unseen[x]));
 }
 
-constexpr float kLeast = 1e-37f;  // squared gradients up to here are 0, which has no logarithm
-
 // The largest squared forward difference of the channels; 0 beyond the last row and column.
 template <int Count>
 PIXEL_FN float steepest(const float* const* here, const float* const* below, int x, int next) {
@@ -198,13 +186,11 @@ void edge_row_of(const Channels& in, const EdgeParams& params, int y, float* out
         here[k] = in.levels[k] + static_cast<long>(y) * width;
         below[k] = y + 1 < in.size.height ? here[k] + width : here[k];
     }
-    const float half = 0.5f * params.power;
+    const float power = params.power;
     const float scale = 1.0f / (params.level * params.level);
     const float floor = params.floor;
     const auto weigh = [&](int x, int next) {
-        const float square = steepest<Count>(here, below, x, next) * scale;
-        const float gradient = fast_exp2(half * fast_log2(larger(square, kLeast)));
-        out[x] = larger(fast_exp2(-kLog2E * gradient), square > kLeast ? floor : 1.0f);
+        out[x] = edge_weight(steepest<Count>(here, below, x, next) * scale, power, floor);
     };
 #pragma GCC ivdep
     for (int x = 0; x < width - 1; ++x) weigh(x, x + 1);

@@ -55,4 +55,12 @@ PIXEL_FN float fast_log2(float x) {
     return static_cast<float>(power) + p * s;
 }
 
+constexpr float kLeast = 1e-37f;  // squares up to here are 0, which has no logarithm
+
+// w (R4), over 0 to 1, from the squared gradient in units of the level at which it is 1 / e.
+PIXEL_FN float edge_weight(float square, float power, float floor) {
+    const float gradient = fast_exp2(0.5f * power * fast_log2(larger(square, kLeast)));
+    return larger(fast_exp2(-kLog2E * gradient), square > kLeast ? floor : 1.0f);
+}
+
 }  // namespace stereomend

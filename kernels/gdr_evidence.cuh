@@ -15,14 +15,6 @@ struct Rivals {
     int height;
 };
 
-constexpr float kMinSquare = kMinNorm * kMinNorm;
-
-DEVICE_FN float product(const float a[kNeighbours], const float b[kNeighbours]) {
-    float sum = 0.0f;
-    for (int k = 0; k < kNeighbours; ++k) sum += a[k] * b[k];
-    return sum;
-}
-
 // A thread per pixel, a layer of blocks of kLanes x kBlockRows per map.
 KERNEL similarity(Rivals in) {
     __shared__ float left[kGreyPixels];
@@ -39,11 +31,7 @@ KERNEL similarity(Rivals in) {
     float v[kNeighbours];
     float w[kNeighbours];
     differ(greys, v, w);
-    const float a = product(v, v);
-    const float b = product(w, w);
-    const float value = product(v, w) / sqrtf(larger(a, kMinSquare) * larger(b, kMinSquare));
-    in.similar[(static_cast<long>(blockIdx.z) * in.height + y) * in.width + x] =
-        smaller(a, b) > kMinSquare ? value : 0.0f;
+    in.similar[(static_cast<long>(blockIdx.z) * in.height + y) * in.width + x] = similarity_of(v, w);
 }
 
 struct Choice {

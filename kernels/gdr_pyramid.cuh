@@ -118,8 +118,6 @@ struct Edges {
     float floor;
 };
 
-constexpr float kLeast = 1e-37f;  // squared gradients up to here are 0, which has no logarithm
-
 // w (R4) from the steepest channel; a thread per pixel.
 KERNEL edges(Edges in) {
     const int x = own_x();
@@ -135,9 +133,7 @@ KERNEL edges(Edges in) {
         const float down = levels[below] - levels[i];
         most = larger(most, along * along + down * down);
     }
-    const float square = most * (1.0f / (in.level * in.level));
-    const float gradient = fast_exp2(0.5f * in.power * fast_log2(larger(square, kLeast)));
-    in.out[i] = larger(fast_exp2(-kLog2E * gradient), square > kLeast ? in.floor : 1.0f);
+    in.out[i] = edge_weight(most * (1.0f / (in.level * in.level)), in.power, in.floor);
 }
 
 }  // namespace stereomend

@@ -117,6 +117,21 @@ PIXEL_FN float inverse_norm(const float v[kNeighbours]) {
     return norm > kMinNorm ? 1.0f / norm : 0.0f;
 }
 
+PIXEL_FN float product(const float a[kNeighbours], const float b[kNeighbours]) {
+    float sum = 0.0f;
+    for (int k = 0; k < kNeighbours; ++k) sum += a[k] * b[k];
+    return sum;
+}
+
+// The inner product of two descriptors (R1), of their differences, -1 to 1; 0 where either has no direction.
+PIXEL_FN float similarity_of(const float v[kNeighbours], const float w[kNeighbours]) {
+    constexpr float kMinSquare = kMinNorm * kMinNorm;
+    const float a = product(v, v);
+    const float b = product(w, w);
+    const float value = product(v, w) / sqrtf(larger(a, kMinSquare) * larger(b, kMinSquare));
+    return smaller(a, b) > kMinSquare ? value : 0.0f;
+}
+
 // p <- proj_1((p + sigma grad u_bar) / (1 + sigma epsilon)); shrink is 1 / (1 + sigma epsilon).
 PIXEL_FN void dual_step(float gradient_x, float gradient_y, float sigma, float shrink, float* p_x, float* p_y) {
     const float x = (*p_x + sigma * gradient_x) * shrink;
