@@ -12,13 +12,26 @@ StereomendError
 |  |- NoValidDisparity       the disparity map has no valid pixel
 |  |- DisparityOutOfRange    a result does not fit the format that was asked for
 |  |- NotAcceptable          no media type in `Accept` is offered
-|  `- NotFound               no such route, or not with this method
+|  |- NotFound               no such route, or not with this method
+|  |  `- JobNotFound         no such job, or it belongs to another key, or its record is gone
+|  |- ResultExpired          the job's result was deleted after its time
+|  |- IdempotencyMismatch    the idempotency key was used with another body
+|  `- Conflict               the state of things does not allow it
+|     |- IdempotencyInFlight a request with the same idempotency key is still being taken in
+|     |- JobFinished         a finished job cannot be cancelled
+|     |- JobNotFinished      a job has no result yet
+|     |- JobFailed           a job ended without a result
+|     `- JobCancelled        a job was cancelled, before it had a result
 |- AccessDenied              the API key is missing or wrong
 |  `- Forbidden              the request names another host or comes from another origin's web page
 |- Unavailable               the same request may do later
 |  |- QueueFull              more requests wait than the server holds
+|  |  `- QuotaExceeded       more jobs of this key wait or run than it may have
+|  |- DiskFull               there is no room on the disk to keep what was sent, or its result
 |  |- NotReady               no worker is up, or the server cannot be reached
 |  |- WorkerCrashed          the worker process died while it worked on this request
+|  |  `- DeviceFault         the GPU failed; the worker ends and another takes its place
+|  |- DeadlineExceeded       the work was not done by its deadline
 |  |- WorkLimitExceeded      the work took longer or needed more memory than the server allows
 |  `- InternalError          a fault of the server's own
 `- ConfigurationError        this process cannot start as it was told to
@@ -123,6 +136,69 @@ class NotFound(InputError):
     title = "Not found"
 
 
+class JobNotFound(NotFound):
+    """Raised when there is no such job, it belongs to another key, or its record is gone."""
+
+    slug = "job-not-found"
+    title = "Job not found"
+
+
+class ResultExpired(InputError):
+    """Raised when a job's result was deleted after its time."""
+
+    slug = "result-expired"
+    title = "Result expired"
+
+
+class IdempotencyMismatch(InputError):
+    """Raised when an idempotency key was used with another body."""
+
+    slug = "idempotency-mismatch"
+    title = "Idempotency key used with another body"
+
+
+class Conflict(InputError):
+    """Raised when the state of things does not allow what was asked for."""
+
+    slug = "conflict"
+    title = "Conflict"
+
+
+class IdempotencyInFlight(Conflict):
+    """Raised when a request with the same idempotency key is still being taken in."""
+
+    slug = "idempotency-in-flight"
+    title = "Same idempotency key in flight"
+
+
+class JobFinished(Conflict):
+    """Raised when a finished job is to be cancelled."""
+
+    slug = "job-finished"
+    title = "Job is finished"
+
+
+class JobNotFinished(Conflict):
+    """Raised when the result of a job is asked for that has none yet."""
+
+    slug = "job-not-finished"
+    title = "Job is not finished"
+
+
+class JobFailed(Conflict):
+    """Raised when the result of a job is asked for that ended without one."""
+
+    slug = "job-failed"
+    title = "Job failed"
+
+
+class JobCancelled(Conflict):
+    """Raised when a job was cancelled before it had a result."""
+
+    slug = "job-cancelled"
+    title = "Job cancelled"
+
+
 class AccessDenied(StereomendError):
     """Raised when the API key is missing or wrong."""
 
@@ -151,6 +227,20 @@ class QueueFull(Unavailable):
     title = "Queue full"
 
 
+class QuotaExceeded(QueueFull):
+    """Raised when more jobs of a key wait or run than it may have."""
+
+    slug = "quota-exceeded"
+    title = "Quota exceeded"
+
+
+class DiskFull(Unavailable):
+    """Raised when there is no room on the disk to keep what was sent, or its result."""
+
+    slug = "disk-full"
+    title = "Disk full"
+
+
 class NotReady(Unavailable):
     """Raised when no worker is up, or the server cannot be reached."""
 
@@ -163,6 +253,20 @@ class WorkerCrashed(Unavailable):
 
     slug = "worker-crashed"
     title = "Worker crashed"
+
+
+class DeviceFault(WorkerCrashed):
+    """Raised when the GPU failed; the worker ends and another takes its place."""
+
+    slug = "device-fault"
+    title = "Device fault"
+
+
+class DeadlineExceeded(Unavailable):
+    """Raised when work was not done by its deadline."""
+
+    slug = "deadline-exceeded"
+    title = "Deadline exceeded"
 
 
 class WorkLimitExceeded(Unavailable):

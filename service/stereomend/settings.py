@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, SecretStr, ValidationError, field_validator, model_validator
+from pydantic import AfterValidator, Field, SecretStr, ValidationError, field_validator, model_validator
 from pydantic_settings import (
     BaseSettings,
     NoDecode,
@@ -38,6 +38,16 @@ class Settings(BaseSettings):
     max_pixels: int = Field(16_000_000, ge=1, description="most pixels of one image")
     max_queued_jobs: int = Field(256, ge=1, description="most requests that wait or run")
     max_queued_mb: int = Field(4096, ge=1, description="most bytes of bodies that wait or run [MiB]")
+    max_jobs_per_key: int = Field(64, ge=1, description="most durable jobs of one key that wait or run")
+    data_dir: Annotated[Path, AfterValidator(Path.expanduser)] = Field(
+        Path("~/.local/state/stereomend"),
+        description="folder of the ledger, the blobs and the keys",
+        validate_default=True,
+    )
+    result_ttl_s: float = Field(3600.0, gt=0, description="how long results are kept [s]")
+    record_ttl_s: float = Field(86400.0, gt=0, description="how long records of ended jobs are kept [s]")
+    lease_s: float = Field(30.0, gt=0, description="a worker silent for so long has lost its job [s]")
+    min_free_disk_mb: int = Field(1024, ge=0, description="disk space that jobs leave free [MiB]")
     work_limit_s: float = Field(300.0, gt=0, description="longest time one refinement may take [s]")
     work_limit_mb: int = Field(8192, ge=256, description="most memory one refinement may take [MiB]")
     api_keys: Annotated[tuple[SecretStr, ...], NoDecode] = Field(

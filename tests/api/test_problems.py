@@ -45,7 +45,7 @@ def test_every_slug_leads_back_to_its_error():
     ("kind", "statuses"),
     [
         (errors.InputError, range(400, 429)),
-        (errors.Unavailable, (429, 500, 503)),
+        (errors.Unavailable, (429, 500, 503, 507)),
         (errors.AccessDenied, (401, 403)),
     ],
 )

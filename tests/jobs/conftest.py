@@ -1,4 +1,4 @@
-"""Tasks, and a supervisor with real workers."""
+"""Tasks, and a pool with real workers."""
 
 import asyncio
 import time
@@ -6,7 +6,7 @@ from contextlib import asynccontextmanager
 
 import pytest
 
-from stereomend.jobs.supervisor import Supervisor
+from stereomend.jobs.pool import WorkerPool
 from stereomend.jobs.task import Task
 from stereomend.refinement import parse_params
 from stereomend.settings import load_settings
@@ -38,11 +38,11 @@ def endless(make_task):
 
 @pytest.fixture
 def supervise():
-    """Run a coroutine function with a supervisor: `supervise(scenario, workers=2)`."""
+    """Run a coroutine function with a pool: `supervise(scenario, workers=2)`."""
 
     def start(scenario, **settings):
         async def run():
-            async with supervisor(**settings) as running:
+            async with pool(**settings) as running:
                 return await asyncio.wait_for(scenario(running), 60)
 
         return asyncio.run(run())
@@ -51,8 +51,8 @@ def supervise():
 
 
 @asynccontextmanager
-async def supervisor(**settings):
-    running = Supervisor(load_settings(backend="reference", **settings))
+async def pool(**settings):
+    running = WorkerPool(load_settings(backend="reference", **settings))
     try:
         await running.start()
         yield running

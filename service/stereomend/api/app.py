@@ -15,7 +15,7 @@ from stereomend.api.problems import add_handlers
 from stereomend.api.routes import docs, health, presets, refine
 from stereomend.api.security import Gate
 from stereomend.api.state import Service
-from stereomend.jobs.supervisor import Supervisor
+from stereomend.jobs.pool import WorkerPool
 from stereomend.settings import Settings
 
 _KEY = Depends(HTTPBearer(auto_error=False, description="API key; not needed where the server has none"))
@@ -32,7 +32,7 @@ def create_app(settings: Settings) -> FastAPI:
         redirect_slashes=False,
         lifespan=running,
     )
-    app.state.service = Service(settings, Supervisor(settings))
+    app.state.service = Service(settings, WorkerPool(settings))
     for router in (refine.router, presets.router):
         app.include_router(router, dependencies=[_KEY])
     for router in (health.router, docs.router):
@@ -50,7 +50,7 @@ async def running(app: FastAPI) -> AsyncGenerator[None, None]:
     """Keep the workers of an application running (raises ConfigurationError if they cannot start)."""
     service: Service = app.state.service
     try:
-        await service.supervisor.start()
+        await service.pool.start()
         yield
     finally:
-        await service.supervisor.stop()
+        await service.pool.stop()

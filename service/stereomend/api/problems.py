@@ -32,10 +32,14 @@ STATUSES: dict[type[StereomendError], int] = {
     errors.DisparityOutOfRange: 422,
     errors.NotAcceptable: 406,
     errors.NotFound: 404,
+    errors.ResultExpired: 410,
+    errors.IdempotencyMismatch: 422,
+    errors.Conflict: 409,
     errors.AccessDenied: 401,
     errors.Forbidden: 403,
     errors.Unavailable: 503,
     errors.QueueFull: 429,
+    errors.DiskFull: 507,
     errors.InternalError: 500,
 }
 """A class that is not listed has the status of its base."""

@@ -20,7 +20,7 @@ from stereomend.api.app import create_app, running
 from stereomend.errors import ConfigurationError, NotReady
 from stereomend.jobs.logs import configure_logging
 from stereomend.jobs.memory import keep_freed_memory
-from stereomend.jobs.supervisor import GRACE_S, Supervisor
+from stereomend.jobs.pool import GRACE_S, WorkerPool
 from stereomend.settings import Settings
 
 _ANNOUNCEMENT = "Stereomend listens on "
@@ -77,15 +77,15 @@ def background_server(settings: Settings, log: IO[Any] | None = None) -> Generat
 
 
 class _Server(uvicorn.Server):
-    """Stops the supervisor while connections drain: what runs is answered, what waits is refused."""
+    """Stops the pool while connections drain: what runs is answered, what waits is refused."""
 
-    def __init__(self, config: uvicorn.Config, supervisor: Supervisor) -> None:
+    def __init__(self, config: uvicorn.Config, pool: WorkerPool) -> None:
         super().__init__(config)
-        self._supervisor = supervisor
+        self._pool = pool
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         """End all connections."""
-        await asyncio.gather(self._supervisor.stop(), super().shutdown(sockets))
+        await asyncio.gather(self._pool.stop(), super().shutdown(sockets))
 
 
 async def _serve(settings: Settings, listener: socket.socket) -> None:
@@ -101,7 +101,7 @@ async def _serve(settings: Settings, listener: socket.socket) -> None:
     )
     async with running(app):
         print(f"{_ANNOUNCEMENT}{_url(listener)}", flush=True)
-        await _Server(config, app.state.service.supervisor).serve([listener])
+        await _Server(config, app.state.service.pool).serve([listener])
 
 
 def _end(number: int, frame: FrameType | None) -> NoReturn:

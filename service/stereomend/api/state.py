@@ -7,7 +7,7 @@ from typing import Annotated, cast
 
 from fastapi import Depends, Request
 
-from stereomend.jobs.supervisor import Supervisor
+from stereomend.jobs.pool import WorkerPool
 from stereomend.settings import Settings
 
 
@@ -16,7 +16,7 @@ class Service:
     """The settings of this server, and its workers."""
 
     settings: Settings
-    supervisor: Supervisor
+    pool: WorkerPool
 
 
 async def _service(request: Request) -> Service:

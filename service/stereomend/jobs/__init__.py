@@ -1,1 +1,1 @@
-"""Worker processes and the supervisor that hands refinements to them."""
+"""Worker processes, the pool that hands refinements to them, and durable jobs."""

@@ -22,7 +22,5 @@ async def livez() -> Liveness:
 @router.get("/readyz", summary="Whether a worker is up", responses=problems(503))
 async def readyz(service: ServiceOfRequest) -> Readiness:
     """Say which backend computes here, and why; 503 while no worker is up."""
-    supervisor = service.supervisor
-    return Readiness(
-        **asdict(supervisor.hello()), workers_up=supervisor.workers_up, workers=service.settings.workers
-    )
+    pool = service.pool
+    return Readiness(**asdict(pool.hello()), workers_up=pool.workers_up, workers=service.settings.workers)

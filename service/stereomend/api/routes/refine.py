@@ -42,10 +42,10 @@ async def refine(request: Request, service: ServiceOfRequest) -> Response:
     most = service.settings.max_upload_mb << 20
     media_type = choose(", ".join(request.headers.getlist("accept")), OFFERED)
     check_headers(request, most)
-    service.supervisor.check_room()
+    service.pool.check_room()
     parts = await read_parts(request, most)
     task = _task(parts, media_type, request.state.request_id)
-    return _response(await unless_gone(request, service.supervisor.submit(task)))
+    return _response(await unless_gone(request, service.pool.submit(task)))
 
 
 def _task(parts: Mapping[str, bytes], media_type: str, request_id: str) -> Task:

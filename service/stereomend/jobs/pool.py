@@ -1,4 +1,4 @@
-"""The supervisor: keeps the workers running and hands them tasks, first come, first served.
+"""The pool: keeps the workers running and hands them tasks, first come, first served.
 
 All of its state lives on the event loop, so there are no locks; only pipes are read and written in threads.
 """
@@ -45,7 +45,7 @@ class _Ticket:
     handed_out: int = 0
 
 
-class Supervisor:
+class WorkerPool:
     """Runs `settings.workers` workers from `start` to `stop`, both on the loop that submits."""
 
     def __init__(self, settings: Settings) -> None:

@@ -1,4 +1,4 @@
-"""The supervisor with real worker processes."""
+"""The pool with real worker processes."""
 
 import asyncio
 import os
@@ -16,7 +16,7 @@ from stereomend.errors import (
     WorkerCrashed,
     WorkLimitExceeded,
 )
-from stereomend.jobs.supervisor import Supervisor
+from stereomend.jobs.pool import WorkerPool
 from stereomend.jobs.task import Task, perform
 from stereomend.refinement import parse_params, select_backend
 from stereomend.settings import load_settings
@@ -34,8 +34,8 @@ async def begun(task):
 
 
 def test_a_worker_answers_with_the_bytes_that_this_process_computes(supervise, quick):
-    async def scenario(supervisor):
-        return await supervisor.submit(quick)
+    async def scenario(pool):
+        return await pool.submit(quick)
 
     assert supervise(scenario).body == perform(quick, select_backend("reference"), 10**6).body
 
@@ -43,9 +43,9 @@ def test_a_worker_answers_with_the_bytes_that_this_process_computes(supervise, q
 def test_tasks_are_answered_in_the_order_they_came(supervise, quick):
     order = []
 
-    async def scenario(supervisor):
+    async def scenario(pool):
         async def ask(number):
-            answer = await supervisor.submit(quick)
+            answer = await pool.submit(quick)
             order.append(number)
             return answer
 
@@ -59,11 +59,11 @@ def test_tasks_are_answered_in_the_order_they_came(supervise, quick):
 
 
 def test_two_workers_work_at_once(supervise, quick, endless):
-    async def scenario(supervisor):
-        while supervisor.workers_up < 2:
+    async def scenario(pool):
+        while pool.workers_up < 2:
             await asyncio.sleep(0.05)
-        busy = await begun(supervisor.submit(endless))
-        await supervisor.submit(quick)
+        busy = await begun(pool.submit(endless))
+        await pool.submit(quick)
         assert not busy.done()
         busy.cancel()
 
@@ -74,9 +74,9 @@ def test_an_error_of_the_worker_is_raised_here(supervise, scene, as_npy):
     files = scene.files | {"right": as_npy(scene.right[1:])}
     task = Task(**files, params=parse_params(), media_type="image/png")
 
-    async def scenario(supervisor):
+    async def scenario(pool):
         with pytest.raises(ShapeMismatch, match=r"64 x 47.*64 x 48"):
-            await supervisor.submit(task)
+            await pool.submit(task)
 
     supervise(scenario)
 
@@ -84,11 +84,11 @@ def test_an_error_of_the_worker_is_raised_here(supervise, scene, as_npy):
 def test_an_unexpected_error_is_ours_and_the_worker_goes_on(supervise, quick, capfd):
     odd = Task(**{**vars(quick), "params": quick.params.model_copy(update={"processing_scale": "half"})})
 
-    async def scenario(supervisor):
+    async def scenario(pool):
         (before,) = workers()
         with pytest.raises(InternalError, match="log"):
-            await supervisor.submit(odd)
-        await supervisor.submit(quick)
+            await pool.submit(odd)
+        await pool.submit(quick)
         assert workers() == [before]
 
     supervise(scenario)
@@ -96,34 +96,34 @@ def test_an_unexpected_error_is_ours_and_the_worker_goes_on(supervise, quick, ca
 
 
 def test_only_the_task_of_a_killed_worker_fails(supervise, quick, endless):
-    async def scenario(supervisor):
-        running = await begun(supervisor.submit(endless))
-        waiting = asyncio.create_task(supervisor.submit(quick))
+    async def scenario(pool):
+        running = await begun(pool.submit(endless))
+        waiting = asyncio.create_task(pool.submit(quick))
         (worker,) = workers()
         os.kill(worker.pid, signal.SIGKILL)
         with pytest.raises(WorkerCrashed):
             await running
         await waiting
-        assert supervisor.ready
+        assert pool.ready
 
     supervise(scenario)
 
 
 def test_a_worker_killed_while_idle_costs_no_task(supervise, quick):
-    async def scenario(supervisor):
+    async def scenario(pool):
         for _ in range(3):
             (worker,) = workers()
             os.kill(worker.pid, signal.SIGKILL)
             worker.join()
-            await supervisor.submit(quick)
+            await pool.submit(quick)
 
     supervise(scenario)
 
 
 def test_a_task_that_takes_too_long_ends_its_worker_and_no_other_task(supervise, quick, endless):
-    async def scenario(supervisor):
-        running = asyncio.create_task(supervisor.submit(endless))
-        waiting = asyncio.create_task(supervisor.submit(quick))
+    async def scenario(pool):
+        running = asyncio.create_task(pool.submit(endless))
+        waiting = asyncio.create_task(pool.submit(quick))
         with pytest.raises(WorkLimitExceeded, match="1 s"):
             await running
         await waiting
@@ -132,10 +132,10 @@ def test_a_task_that_takes_too_long_ends_its_worker_and_no_other_task(supervise,
 
 
 def test_a_full_queue_refuses_by_number(supervise, quick, endless):
-    async def scenario(supervisor):
-        held = [await begun(supervisor.submit(endless)) for _ in range(2)]
+    async def scenario(pool):
+        held = [await begun(pool.submit(endless)) for _ in range(2)]
         with pytest.raises(QueueFull, match="2 requests") as refusal:
-            await supervisor.submit(quick)
+            await pool.submit(quick)
         assert refusal.value.retry_after >= 1
         for task in held:
             task.cancel()
@@ -146,24 +146,24 @@ def test_a_full_queue_refuses_by_number(supervise, quick, endless):
 def test_a_full_queue_refuses_by_size(supervise, quick, endless):
     large = Task(bytes(2 << 20), b"", None, quick.params, quick.media_type)
 
-    async def scenario(supervisor):
-        running = await begun(supervisor.submit(endless))
+    async def scenario(pool):
+        running = await begun(pool.submit(endless))
         with pytest.raises(QueueFull, match="server holds"):
-            await supervisor.submit(large)
+            await pool.submit(large)
         running.cancel()
 
     supervise(scenario, max_queued_mb=1)
 
 
 def test_a_caller_that_gives_up_makes_room(supervise, quick, endless):
-    async def scenario(supervisor):
-        running = await begun(supervisor.submit(endless))
-        waiting = await begun(supervisor.submit(endless))
+    async def scenario(pool):
+        running = await begun(pool.submit(endless))
+        waiting = await begun(pool.submit(endless))
         with pytest.raises(QueueFull):
-            supervisor.check_room()
+            pool.check_room()
         waiting.cancel()
         await asyncio.wait([waiting])
-        supervisor.check_room()
+        pool.check_room()
         running.cancel()
 
     supervise(scenario, max_queued_jobs=2)
@@ -173,29 +173,29 @@ def test_a_backend_that_does_not_work_fails_the_start():
     settings = load_settings().model_copy(update={"backend": "abacus"})
 
     async def start():
-        supervisor = Supervisor(settings)
+        pool = WorkerPool(settings)
         try:
-            await supervisor.start()
+            await pool.start()
         finally:
-            await supervisor.stop()
+            await pool.stop()
 
     with pytest.raises(BackendUnavailable, match="abacus"):
         asyncio.run(start())
 
 
-def test_a_stopped_supervisor_refuses_what_waits_and_leaves_no_process(quick, endless):
+def test_a_stopped_pool_refuses_what_waits_and_leaves_no_process(quick, endless):
     async def scenario():
-        supervisor = Supervisor(load_settings(backend="reference"))
-        await supervisor.start()
-        running = await begun(supervisor.submit(endless))
-        waiting = await begun(supervisor.submit(quick))
-        await supervisor.stop(grace_s=0.1)
+        pool = WorkerPool(load_settings(backend="reference"))
+        await pool.start()
+        running = await begun(pool.submit(endless))
+        waiting = await begun(pool.submit(quick))
+        await pool.stop(grace_s=0.1)
         for task in (running, waiting):
             with pytest.raises((NotReady, WorkerCrashed)):
                 await task
         with pytest.raises(NotReady, match="shutting down"):
-            await supervisor.submit(quick)
-        assert not supervisor.ready
+            await pool.submit(quick)
+        assert not pool.ready
 
     asyncio.run(scenario())
     assert workers() == []
