@@ -197,6 +197,37 @@ public:
         return out;
     }
 
+    std::pair<Output<float>, Output<bool>> shrink_sparse(const Plane& u, const Flags& valid, size_t height,
+                                                         size_t width, float half) {
+        return resized(u, valid, height, width, [&](const stereomend::Sparse& from, Size to, float* out, bool* known) {
+            engine_.shrink_sparse(from, to, half, out, known);
+        });
+    }
+
+    std::pair<Output<float>, Output<bool>> sample_sparse(const Plane& u, const Flags& valid, size_t height,
+                                                         size_t width) {
+        return resized(u, valid, height, width, [&](const stereomend::Sparse& from, Size to, float* out, bool* known) {
+            engine_.sample_sparse(from, to, out, known);
+        });
+    }
+
+    // The kinds, and how many pixels of each there are.
+    std::pair<Output<uint8_t>, std::vector<long>> tell(const Plane& u, const Plane& initial, const Flags& valid,
+                                                       const Flags& kept, const std::optional<Flags>& scene,
+                                                       float within) {
+        check_same_shape(u, initial, valid, scene ? *scene : valid);
+        check_same_shape(kept);
+        if (kept.shape(0) > u.shape(0) || kept.shape(1) > u.shape(1))
+            throw nb::value_error("u: expected no smaller sides than those of kept");
+        Output<uint8_t> kind = new_plane<uint8_t>(u.shape(0), u.shape(1));
+        const Size from{static_cast<int>(kept.shape(1)), static_cast<int>(kept.shape(0))};
+        stereomend::Kinds kinds{kind.data(), {}};
+        nb::gil_scoped_release unlocked;
+        engine_.tell({from, kept.data(), size_of(u), initial.data(), valid.data(), scene ? scene->data() : nullptr, within},
+                     u.data(), kinds);
+        return {kind, {kinds.counts, kinds.counts + 4}};
+    }
+
     Output<float> trust(const Plane& left, const Plane& right, const Plane& u, const Flags& valid, const Flags& matte,
                         const TrustParams& params, const SpeckleRule& rule) {
         check_same_shape(left, right, u, valid, matte);
@@ -296,6 +327,20 @@ public:
     }
 
 private:
+    template <class Body>
+    std::pair<Output<float>, Output<bool>> resized(const Plane& u, const Flags& valid, size_t height, size_t width,
+                                                   const Body& body) {
+        check_same_shape(u, valid);
+        if (height < 1 || width < 1 || height > u.shape(0) || width > u.shape(1))
+            throw nb::value_error("size: expected sides of 1 px to those of u");
+        Output<float> out = new_plane<float>(height, width);
+        Output<bool> known = new_plane<bool>(height, width);
+        nb::gil_scoped_release unlocked;
+        body({size_of(u), u.data(), valid.data()}, {static_cast<int>(width), static_cast<int>(height)}, out.data(),
+             known.data());
+        return {out, known};
+    }
+
     static Size size_of(const Plane& plane) {
         return {static_cast<int>(plane.shape(1)), static_cast<int>(plane.shape(0))};
     }
@@ -353,6 +398,13 @@ NB_MODULE(_native, m) {
         .def("merge", &PyEngine::merge, "u"_a.noconvert(), "share"_a.noconvert(), "sample"_a.noconvert(),
              "upload"_a.noconvert(), "valid"_a.noconvert(), "near"_a, "half"_a,
              "A map and the upload put together at the upload's size.")
+        .def("shrink_sparse", &PyEngine::shrink_sparse, "u"_a.noconvert(), "valid"_a.noconvert(), "height"_a,
+             "width"_a, "half"_a, "Means of disparities over their valid pixels, and which of them are valid.")
+        .def("sample_sparse", &PyEngine::sample_sparse, "u"_a.noconvert(), "valid"_a.noconvert(), "height"_a,
+             "width"_a, "Disparities and their validity at the centres of larger pixels.")
+        .def("tell", &PyEngine::tell, "u"_a.noconvert(), "initial"_a.noconvert(), "valid"_a.noconvert(),
+             "kept"_a.noconvert(), "scene"_a.noconvert().none(), "within"_a,
+             "Where values come from, and how many pixels of each kind there are.")
         .def("trust", &PyEngine::trust, "left"_a.noconvert(), "right"_a.noconvert(), "u"_a.noconvert(),
              "valid"_a.noconvert(), "matte"_a.noconvert(), "params"_a, "rule"_a, "c at every pixel.")
         .def("speckles", &PyEngine::speckles, "u"_a.noconvert(), "valid"_a.noconvert(), "rule"_a,

@@ -338,4 +338,19 @@ void Engine::merge(const Offer& offer, float* out) {
     stereomend::merge(offer, out, resize_);
 }
 
+void Engine::shrink_sparse(const Sparse& from, Size to, float half, float* u, bool* valid) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    stereomend::shrink_sparse(from, to, half, u, valid, resize_);
+}
+
+void Engine::sample_sparse(const Sparse& from, Size to, float* u, bool* valid) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    stereomend::sample_sparse(from, to, u, valid, resize_);
+}
+
+void Engine::tell(const Origins& origins, const float* u, Kinds& out) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    stereomend::tell(origins, u, ldr_.sweeps, out, resize_);
+}
+
 }  // namespace stereomend

@@ -79,6 +79,9 @@ public:
     // See resize.hpp.
     void shrink(const Samples& from, Size to, const Shrunk& out);
     void merge(const Offer& offer, float* out);
+    void shrink_sparse(const Sparse& from, Size to, float half, float* u, bool* valid);
+    void sample_sparse(const Sparse& from, Size to, float* u, bool* valid);
+    void tell(const Origins& origins, const float* u, Kinds& out);
 
 private:
     struct alignas(64) Progress {

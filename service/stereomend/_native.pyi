@@ -103,6 +103,19 @@ class Engine:
         near: float,
         half: float,
     ) -> _Plane: ...
+    def shrink_sparse(
+        self, u: _Plane, valid: _Flags, height: int, width: int, half: float
+    ) -> tuple[_Plane, _Flags]: ...
+    def sample_sparse(self, u: _Plane, valid: _Flags, height: int, width: int) -> tuple[_Plane, _Flags]: ...
+    def tell(
+        self,
+        u: _Plane,
+        initial: _Plane,
+        valid: _Flags,
+        kept: _Flags,
+        scene: _Flags | None,
+        within: float,
+    ) -> tuple[npt.NDArray[np.uint8], list[int]]: ...
     def trust(
         self,
         left: _Plane,

@@ -3,7 +3,7 @@ import pytest
 
 from stereomend.disparity import StereoPair
 from stereomend.refinement import select_backend
-from stereomend.refinement.backends.reference import area_weights
+from stereomend.refinement.backends.sizes import area_weights
 from stereomend.refinement.scene import make_scene, matte_mask
 from stereomend.refinement.stage_params import LdrParams
 

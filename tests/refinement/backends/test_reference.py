@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 from stereomend.refinement.backends import reference as ref
-from stereomend.refinement.backends.base import Usable
+from stereomend.refinement.backends.data import (
+    Usable,
+)
 from stereomend.refinement.stage_params import GdrParams, LdrParams
 
 SHAPES = [(1, 1), (1, 7), (7, 1), (2, 2), (5, 9)]

@@ -5,16 +5,17 @@ from __future__ import annotations
 import os
 
 from stereomend.errors import BackendUnavailable
-from stereomend.refinement.backends.base import (
+from stereomend.refinement.backends.base import Backend
+from stereomend.refinement.backends.data import (
     CELL,
     HALF,
-    Backend,
     Cells,
     ChoiceRule,
     Grounds,
     Guide,
     OcclusionRule,
     Offer,
+    Origins,
     Plane,
     PollRule,
     Polls,
@@ -23,6 +24,7 @@ from stereomend.refinement.backends.base import (
     ReuseRule,
     Rivals,
     Size,
+    Sparse,
     SpeckleRule,
     Usable,
 )
@@ -39,6 +41,7 @@ __all__ = [
     "Guide",
     "OcclusionRule",
     "Offer",
+    "Origins",
     "Plane",
     "PollRule",
     "Polls",
@@ -47,6 +50,7 @@ __all__ = [
     "ReuseRule",
     "Rivals",
     "Size",
+    "Sparse",
     "SpeckleRule",
     "Usable",
     "select_backend",

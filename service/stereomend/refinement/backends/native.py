@@ -11,7 +11,8 @@ import numpy.typing as npt
 from stereomend import _native
 from stereomend.disparity import FloatMap, Image, Mask
 from stereomend.opencv import cv2
-from stereomend.refinement.backends.base import (
+from stereomend.refinement.backends.coarse_to_fine import coarse_to_fine
+from stereomend.refinement.backends.data import (
     HALF,
     SMALLEST,
     UNGUIDED,
@@ -20,6 +21,7 @@ from stereomend.refinement.backends.base import (
     Guide,
     OcclusionRule,
     Offer,
+    Origins,
     Plane,
     PollRule,
     Polls,
@@ -28,10 +30,10 @@ from stereomend.refinement.backends.base import (
     ReuseRule,
     Rivals,
     Size,
+    Sparse,
     SpeckleRule,
     Usable,
 )
-from stereomend.refinement.backends.coarse_to_fine import coarse_to_fine
 from stereomend.refinement.stage_params import GdrParams, LdrParams
 
 
@@ -53,6 +55,16 @@ class NativeBackend:
         """See `Backend.shrink`."""
         samples = np.ascontiguousarray(image) if image.dtype == np.bool_ else self.plane(image)
         return self._engine.shrink(samples, *size)[0]
+
+    def shrink_sparse(self, sparse: Sparse, size: Size) -> Sparse:
+        """See `Backend.shrink_sparse`."""
+        return Sparse(
+            *self._engine.shrink_sparse(self.plane(sparse.u), _flags(sparse.valid), *size, half=HALF)
+        )
+
+    def sample_sparse(self, sparse: Sparse, size: Size) -> Sparse:
+        """See `Backend.sample_sparse`."""
+        return Sparse(*self._engine.sample_sparse(self.plane(sparse.u), _flags(sparse.valid), *size))
 
     def shades(self, image: Image, size: Size) -> tuple[list[Plane], Plane]:
         """See `Backend.shades`."""
@@ -187,6 +199,17 @@ class NativeBackend:
     def unobserved(self, u: Plane) -> Mask:
         """See `Backend.unobserved`."""
         return self._engine.unobserved(self.plane(u))
+
+    def tell(self, u: Plane, origins: Origins) -> tuple[npt.NDArray[np.uint8], list[int]]:
+        """See `Backend.tell`."""
+        initial, kept, scene, within = origins
+        scene = None if scene is None else _flags(scene)
+        planes = (self.plane(u), self.plane(initial.u), _flags(initial.valid), _flags(kept))
+        return self._engine.tell(*planes, scene, within)
+
+
+def _flags(mask: Mask) -> Mask:
+    return np.ascontiguousarray(mask)
 
 
 def _rule(rule: SpeckleRule) -> _native.SpeckleRule:

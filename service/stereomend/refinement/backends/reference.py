@@ -15,7 +15,9 @@ import numpy.typing as npt
 from stereomend.disparity import Image, Mask
 from stereomend.refinement.backends import reference_evidence as parts
 from stereomend.refinement.backends import reference_fusion as fusion
-from stereomend.refinement.backends.base import (
+from stereomend.refinement.backends import sizes
+from stereomend.refinement.backends.coarse_to_fine import coarse_to_fine
+from stereomend.refinement.backends.data import (
     SMALLEST,
     UNGUIDED,
     ChoiceRule,
@@ -23,6 +25,7 @@ from stereomend.refinement.backends.base import (
     Guide,
     OcclusionRule,
     Offer,
+    Origins,
     Plane,
     PollRule,
     Polls,
@@ -31,10 +34,10 @@ from stereomend.refinement.backends.base import (
     ReuseRule,
     Rivals,
     Size,
+    Sparse,
     SpeckleRule,
     Usable,
 )
-from stereomend.refinement.backends.coarse_to_fine import coarse_to_fine
 from stereomend.refinement.backends.reference_search import (
     NEIGHBOURS,
     Land,
@@ -72,7 +75,15 @@ class ReferenceBackend:
 
     def shrink(self, image: Plane | Mask, size: Size) -> Plane:
         """See `Backend.shrink`."""
-        return _apply(area_weights, self.plane(image), size)
+        return sizes.resized(sizes.area_weights, self.plane(image), size)
+
+    def shrink_sparse(self, sparse: Sparse, size: Size) -> Sparse:
+        """See `Backend.shrink_sparse`."""
+        return sizes.shrink_sparse(sparse, size, self.shrink)
+
+    def sample_sparse(self, sparse: Sparse, size: Size) -> Sparse:
+        """See `Backend.sample_sparse`."""
+        return sizes.sample_sparse(sparse, size)
 
     def shades(self, image: Image, size: Size) -> tuple[list[Plane], Plane]:
         """See `Backend.shades`."""
@@ -92,7 +103,7 @@ class ReferenceBackend:
 
     def enlarge(self, image: Plane, size: Size) -> Plane:
         """See `Backend.enlarge`."""
-        return _apply(linear_weights, image, size)
+        return sizes.resized(sizes.linear_weights, image, size)
 
     def confidence(self, left: Plane, right: Plane, u: Plane, usable: Usable, params: LdrParams) -> Plane:
         """See `Backend.confidence`."""
@@ -159,7 +170,7 @@ class ReferenceBackend:
 
     def halve(self, planes: Sequence[Plane]) -> list[Plane]:
         """See `Backend.halve`."""
-        return [_apply(area_weights, plane, parts.half_of(plane)) for plane in planes]
+        return [sizes.resized(sizes.area_weights, plane, parts.half_of(plane)) for plane in planes]
 
     def halve_weighed(self, u: Plane, weight: Plane) -> tuple[Plane, Plane]:
         """See `Backend.halve_weighed`."""
@@ -239,27 +250,9 @@ class ReferenceBackend:
         unseen: Mask = hidden | (column < 0) | (column > width - 1)
         return unseen
 
-
-def area_weights(source: int, target: int) -> Array:
-    """Shares of `source` pixels in each of `target` larger ones, (target, source); rows sum to 1."""
-    edges = np.arange(target + 1) * (source / target)
-    upper = np.minimum(edges[1:, None], np.arange(1, source + 1))
-    lower = np.maximum(edges[:-1, None], np.arange(source))
-    weights: Array = np.maximum(0, upper - lower) * (target / source)
-    return weights
-
-
-def linear_weights(source: int, target: int) -> Array:
-    """Weights of linear interpolation between pixel centres, borders repeated, (target, source)."""
-    position = np.clip((np.arange(target) + 0.5) * (source / target) - 0.5, 0, source - 1)
-    weights: Array = np.maximum(0, 1 - np.abs(position[:, None] - np.arange(source)))
-    return weights
-
-
-def _apply(weights: Any, image: Plane, size: Size) -> Array:
-    rows, columns = (weights(*sides) for sides in zip(image.shape[:2], size, strict=True))
-    result: Array = np.einsum("ij,jk...->ik...", rows, np.einsum("ij,kj...->ki...", columns, image))
-    return result
+    def tell(self, u: Plane, origins: Origins) -> tuple[npt.NDArray[np.uint8], list[int]]:
+        """See `Backend.tell`."""
+        return sizes.tell(u, self.unobserved(u), origins)
 
 
 def window_sum(values: Array, radius: int) -> Array:

@@ -8,7 +8,10 @@ import numpy as np
 import numpy.typing as npt
 
 from stereomend.disparity import Mask
-from stereomend.refinement.backends.base import Plane, Size
+from stereomend.refinement.backends.data import (
+    Plane,
+    Size,
+)
 
 Array = npt.NDArray[np.float64]
 
