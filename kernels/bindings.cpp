@@ -268,13 +268,19 @@ public:
         return out;
     }
 
+    // What is bright and colourless, and what is nearly as bright.
+    std::pair<Output<bool>, Output<bool>> glints(const std::vector<Plane>& channels, float saturation, float bright,
+                                                 float nearly) {
+        const stereomend::Channels given = channels_of(channels);
+        Output<bool> found = new_plane<bool>(given.size.height, given.size.width);
+        Output<bool> almost = new_plane<bool>(given.size.height, given.size.width);
+        nb::gil_scoped_release unlocked;
+        engine_.glints(given, {saturation, bright, nearly}, found.data(), almost.data());
+        return {found, almost};
+    }
+
     Output<float> edge_weights(const std::vector<Plane>& channels, float level, float power, float floor) {
-        if (channels.empty() || channels.size() > 3) throw nb::value_error("channels: expected 1 to 3");
-        stereomend::Channels given{size_of(channels[0]), static_cast<int>(channels.size()), {}};
-        for (size_t k = 0; k < channels.size(); ++k) {
-            check_same_shape(channels[0], channels[k]);
-            given.levels[k] = channels[k].data();
-        }
+        const stereomend::Channels given = channels_of(channels);
         Output<float> out = new_plane<float>(channels[0].shape(0), channels[0].shape(1));
         nb::gil_scoped_release unlocked;
         engine_.edge_weights(given, {level, power, floor}, out.data());
@@ -339,6 +345,16 @@ private:
         body({size_of(u), u.data(), valid.data()}, {static_cast<int>(width), static_cast<int>(height)}, out.data(),
              known.data());
         return {out, known};
+    }
+
+    static stereomend::Channels channels_of(const std::vector<Plane>& channels) {
+        if (channels.empty() || channels.size() > 3) throw nb::value_error("channels: expected 1 to 3");
+        stereomend::Channels given{size_of(channels[0]), static_cast<int>(channels.size()), {}};
+        for (size_t k = 0; k < channels.size(); ++k) {
+            check_same_shape(channels[0], channels[k]);
+            given.levels[k] = channels[k].data();
+        }
+        return given;
     }
 
     static Size size_of(const Plane& plane) {
@@ -411,6 +427,8 @@ NB_MODULE(_native, m) {
              "Which valid pixels belong to small patches.")
         .def("edge_weights", &PyEngine::edge_weights, "channels"_a.noconvert(), "level"_a, "power"_a, "floor"_a,
              "Weights of the smoothness.")
+        .def("glints", &PyEngine::glints, "channels"_a.noconvert(), "saturation"_a, "bright"_a, "nearly"_a,
+             "What is bright and colourless, and what is nearly as bright.")
         .def("poll", &PyEngine::poll, "views"_a, "matte"_a.noconvert(), "spoilt"_a.noconvert(), "rule"_a,
              "Means over cells of what pixels vote, one plane below the other.")
         .def("choose", &PyEngine::choose, "views"_a, "facts"_a, "rule"_a, "The share of the upload at every pixel.")

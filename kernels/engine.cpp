@@ -303,6 +303,11 @@ void Engine::edge_weights(const Channels& channels, const EdgeParams& params, fl
     stereomend::edge_weights(channels, params, out, evidence_);
 }
 
+void Engine::glints(const Channels& channels, const GlintRule& rule, bool* found, bool* nearly) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    stereomend::glints(channels, rule, found, nearly, evidence_);
+}
+
 void Engine::better(const Pair& pair, const float* u, const float* other, const ReuseRule& rule, float* out) {
     const std::lock_guard<std::mutex> lock(mutex_);
     stereomend::better(pair, u, other, rule, out, evidence_);

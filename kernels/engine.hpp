@@ -68,6 +68,7 @@ public:
     void trust(const ConfidenceInput& input, const TrustParams& params, const SpeckleRule& rule, float* out);
     void speckles(const Steps& map, int largest, bool* out);
     void edge_weights(const Channels& channels, const EdgeParams& params, float* out);
+    void glints(const Channels& channels, const GlintRule& rule, bool* found, bool* nearly);
     void better(const Pair& pair, const float* u, const float* other, const ReuseRule& rule, float* out);
     void halve(Size from, const std::vector<const float*>& planes, const std::vector<float*>& out);
     void halve_weighed(Size from, const Weighed& map);

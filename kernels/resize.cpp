@@ -138,11 +138,12 @@ void tell(const Origins& origins, const float* u, const LdrSweeps& ldr, Kinds& o
     const Places rows = places_of(origins.from.height, to.height, crew.buffers.places[1], crew.buffers.weights[1]);
     std::vector<long>& counts = crew.buffers.counts;
     counts.assign(4 * static_cast<size_t>(to.height), 0);
-    in_pieces(to.height, 0, crew, [&](Rows band, float*) {
+    in_pieces(to.height, to.width, crew, [&](Rows band, float* scratch) {
         for (int y = band.begin; y < band.end; ++y) {
             const size_t o = static_cast<size_t>(y) * to.width;
             ldr.unobserved_row(u + o, to.width, reinterpret_cast<bool*>(out.kind + o));
-            crew.sweeps.tell_row(origins, u + o, columns.nearest, rows.nearest[y], y, out.kind + o, &counts[4 * y]);
+            crew.sweeps.tell_row(origins, u + o, columns.nearest, rows.nearest[y], y, reinterpret_cast<uint8_t*>(scratch),
+                                 out.kind + o, &counts[4 * y]);
         }
     });
     std::fill(out.counts, out.counts + 4, 0);

@@ -96,8 +96,9 @@ struct ResizeSweeps {
     void (*sample_row)(const float* u, const bool* valid, const int* columns, int width, float ratio, float* out,
                        bool* out_valid);
     // Makes row y of what the right image does not show [in/out] the kinds of its pixels (`Provenance`), and counts
-    // each; `columns` and `row`: the pixels of the working size.
-    void (*tell_row)(const Origins&, const float* u, const int* columns, int row, int y, uint8_t* out, long counts[4]);
+    // each; `columns` and `row`: the pixels of the working size; scratch: 2 * width.
+    void (*tell_row)(const Origins&, const float* u, const int* columns, int row, int y, uint8_t* scratch, uint8_t* out,
+                     long counts[4]);
 };
 
 extern const ResizeSweeps resize_sweeps_v2;

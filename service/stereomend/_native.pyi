@@ -130,6 +130,9 @@ class Engine:
     def edge_weights(
         self, channels: Sequence[_Plane], level: float, power: float, floor: float
     ) -> _Plane: ...
+    def glints(
+        self, channels: Sequence[_Plane], saturation: float, bright: float, nearly: float
+    ) -> tuple[_Flags, _Flags]: ...
     def poll(
         self,
         views: tuple[_Plane, _Flags, _Plane, _Plane, _Plane, _Flags, _Flags],

@@ -12,6 +12,7 @@ from stereomend.disparity import Image, Mask
 from stereomend.refinement.backends.data import (
     UNGUIDED,
     ChoiceRule,
+    GlintRule,
     Grounds,
     Guide,
     OcclusionRule,
@@ -149,6 +150,10 @@ class Backend(Protocol):
 
     def edge_weights(self, channels: Sequence[Plane], params: GdrParams) -> Plane:
         """w, (H, W) over 0 to 1 (R4), from 1 to 3 planes of levels, 0 to 255: the steepest counts."""
+        ...
+
+    def glints(self, channels: Sequence[Plane], rule: GlintRule) -> tuple[Mask, Mask]:
+        """Pixels (H, W) that are bright and colourless, and those that are over `rule.nearly`."""
         ...
 
     def fill_occlusions(self, u: Plane, known: Mask, rule: OcclusionRule) -> tuple[Plane, Mask]:

@@ -90,6 +90,22 @@ class ReuseRule(NamedTuple):
     """And the two differ by more than this, px; nearer readings compete in the solver itself."""
 
 
+class GlintRule(NamedTuple):
+    """What is bright and colourless, by the largest and smallest level of a pixel (R1)."""
+
+    saturation: float
+    """They differ by less than this share of the largest."""
+    bright: float
+    """The largest is over this, grey levels."""
+    rise: float
+    """A glint rises by more than this above what surrounds it, grey levels."""
+
+    @property
+    def nearly(self) -> float:
+        """What is darker cannot hide a glint: the level that has to surround it, and one of room."""
+        return self.bright - self.rise - 1
+
+
 class SpeckleRule(NamedTuple):
     """Which patches of a map are too small to be a surface."""
 

@@ -17,6 +17,7 @@ from stereomend.refinement.backends.data import (
     SMALLEST,
     UNGUIDED,
     ChoiceRule,
+    GlintRule,
     Grounds,
     Guide,
     OcclusionRule,
@@ -164,6 +165,11 @@ class NativeBackend:
         return self._engine.edge_weights(
             planes, params.edge_level or np.inf, params.edge_power, params.edge_floor
         )
+
+    def glints(self, channels: Sequence[Plane], rule: GlintRule) -> tuple[Mask, Mask]:
+        """See `Backend.glints`."""
+        planes = [self.plane(channel) for channel in channels]
+        return self._engine.glints(planes, rule.saturation, rule.bright, rule.nearly)
 
     def fill_occlusions(self, u: Plane, known: Mask, rule: OcclusionRule) -> tuple[Plane, Mask]:
         """See `Backend.fill_occlusions`."""

@@ -21,6 +21,7 @@ from stereomend.refinement.backends.data import (
     SMALLEST,
     UNGUIDED,
     ChoiceRule,
+    GlintRule,
     Grounds,
     Guide,
     OcclusionRule,
@@ -200,6 +201,12 @@ class ReferenceBackend:
         steepest = np.max([np.hypot(*gradient(self.plane(channel))) for channel in channels], axis=0)
         weight: Array = np.exp(-((steepest / (params.edge_level or np.inf)) ** params.edge_power))
         return np.maximum(weight, params.edge_floor)
+
+    def glints(self, channels: Sequence[Plane], rule: GlintRule) -> tuple[Mask, Mask]:
+        """See `Backend.glints`."""
+        largest, smallest = np.max(channels, axis=0), np.min(channels, axis=0)
+        colourless = largest - smallest < rule.saturation * largest
+        return colourless & (largest > rule.bright), largest > rule.nearly
 
     def fill_occlusions(self, u: Plane, known: Mask, rule: OcclusionRule) -> tuple[Plane, Mask]:
         """See `Backend.fill_occlusions`."""
