@@ -15,12 +15,14 @@
 
 namespace nb = nanobind;
 using namespace nb::literals;
+using stereomend::BendRule;
 using stereomend::check_same_shape;
 using stereomend::check_threads;
 using stereomend::ChoiceRule;
 using stereomend::ConfidenceInput;
 using stereomend::ConfidenceParams;
 using stereomend::Flags;
+using stereomend::GroundRule;
 using stereomend::half_of;
 using stereomend::kMaxSide;
 using stereomend::Level;
@@ -48,6 +50,18 @@ stereomend::Rivals rivals_of(const Views& views) {
     check_same_shape(upload, valid, u, for_upload, for_u, upload_shown, u_shown);
     return {{static_cast<int>(u.shape(1)), static_cast<int>(u.shape(0))}, upload.data(), u.data(), for_upload.data(),
             for_u.data(), valid.data(), upload_shown.data(), u_shown.data()};
+}
+
+// Polls, one plane of cells below the other.
+using Cells = nb::ndarray<const double, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
+
+Size size_of_cells(const Cells& polls, size_t height, size_t width) {
+    const Size size{static_cast<int>(width), static_cast<int>(height)};
+    if (height < 1 || width < 1 || height > kMaxSide || width > kMaxSide ||
+        polls.shape(0) != static_cast<size_t>(stereomend::kPolls * stereomend::cells_of(size.height)) ||
+        polls.shape(1) != static_cast<size_t>(stereomend::cells_of(size.width)))
+        throw nb::value_error("polls: expected a plane of cells for each poll, of the picture's size");
+    return size;
 }
 
 // (level, equal, usual, edge, glints, beside).
@@ -279,6 +293,29 @@ public:
         return {found, almost};
     }
 
+    // Trust, where the upload is as good, and the usual evidence, each (height, width).
+    std::vector<Output<float>> ground(const Cells& polls, size_t height, size_t width, const GroundRule& rule) {
+        const Size size = size_of_cells(polls, height, width);
+        std::vector<Output<float>> planes;
+        float* out[3];
+        for (float*& plane : out) {
+            planes.push_back(new_plane<float>(height, width));
+            plane = planes.back().data();
+        }
+        nb::gil_scoped_release unlocked;
+        engine_.ground(size, polls.data(), rule, out);
+        return planes;
+    }
+
+    Output<float> bend(const Plane& u, const Cells& polls, const BendRule& rule) {
+        check_same_shape(u);
+        const Size size = size_of_cells(polls, u.shape(0), u.shape(1));
+        Output<float> out = new_plane<float>(u.shape(0), u.shape(1));
+        nb::gil_scoped_release unlocked;
+        engine_.bend(size, u.data(), polls.data(), rule, out.data());
+        return out;
+    }
+
     Output<float> edge_weights(const std::vector<Plane>& channels, float level, float power, float floor) {
         const stereomend::Channels given = channels_of(channels);
         Output<float> out = new_plane<float>(channels[0].shape(0), channels[0].shape(1));
@@ -392,6 +429,11 @@ NB_MODULE(_native, m) {
     nb::class_<PollRule>(m, "PollRule", "Who votes on the upload; lengths in px, evidence without unit.")
         .def(nb::init<float, float, float, float, float>(), nb::kw_only(), "tolerance"_a, "near"_a, "least"_a,
              "full"_a, "frame"_a);
+    nb::class_<GroundRule>(m, "GroundRule", "Windows in px and constants of R8 and R9.")
+        .def(nb::init<double, double, double, double, double, double, double, double>(), nb::kw_only(), "trust"_a,
+             "evidence"_a, "far"_a, "far_share"_a, "min_trust"_a, "full_trust"_a, "worse_by"_a, "equal_within"_a);
+    nb::class_<BendRule>(m, "BendRule", "The window in px, and the constants of R7.")
+        .def(nb::init<double, float, float>(), nb::kw_only(), "window"_a, "bend"_a, "flat"_a);
     nb::class_<ChoiceRule>(m, "ChoiceRule", "The constants of R10; lengths in px.")
         .def(nb::init<float, float, float, float, float, float, float, float, float, float, float, int>(),
              nb::kw_only(), "near"_a, "enough"_a, "full_trust"_a, "high_trust"_a, "win_margin"_a, "trusted_margin"_a,
@@ -432,6 +474,10 @@ NB_MODULE(_native, m) {
         .def("poll", &PyEngine::poll, "views"_a, "matte"_a.noconvert(), "spoilt"_a.noconvert(), "rule"_a,
              "Means over cells of what pixels vote, one plane below the other.")
         .def("choose", &PyEngine::choose, "views"_a, "facts"_a, "rule"_a, "The share of the upload at every pixel.")
+        .def("ground", &PyEngine::ground, "polls"_a.noconvert(), "height"_a, "width"_a, "rule"_a,
+             "Trust, where the upload is as good, and the usual evidence at every pixel.")
+        .def("bend", &PyEngine::bend, "u"_a.noconvert(), "polls"_a.noconvert(), "rule"_a,
+             "u, bent towards the plane around it where its match lies outside of the right image.")
         .def("fill_occlusions", &PyEngine::fill_occlusions, "u"_a.noconvert(), "known"_a.noconvert(), "step"_a,
              "stretch"_a, "slack"_a, "u with its occlusions filled, and which pixels those are.")
         .def("reach", &PyEngine::reach, "seeds"_a.noconvert(), "passing"_a.noconvert(), "soft"_a.noconvert(),

@@ -114,7 +114,7 @@ Engine::Engine(int threads, const std::string& instruction_set)
       team_(threads),
       ldr_{team_, ldr_buffers_, *best(instruction_set).ldr},
       evidence_{team_, evidence_buffers_, *best(instruction_set).evidence, ldr_.sweeps},
-      fusion_{evidence_, *best(instruction_set).fusion},
+      fusion_{evidence_, *best(instruction_set).fusion, cell_buffers_},
       resize_{team_, resize_buffers_, *best(instruction_set).resize} {}
 
 // Room for so many rows of the right image, and for the descriptors of each member.
@@ -331,6 +331,16 @@ void Engine::poll(const Rivals& rivals, const PollMarks& marks, const PollRule& 
 void Engine::choose(const Rivals& rivals, const Grounds& grounds, const ChoiceRule& rule, float* out) {
     const std::lock_guard<std::mutex> lock(mutex_);
     stereomend::choose(rivals, grounds, rule, out, fusion_);
+}
+
+void Engine::ground(Size size, const double* polls, const GroundRule& rule, float* const out[3]) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    stereomend::ground(size, polls, rule, out, fusion_);
+}
+
+void Engine::bend(Size size, const float* u, const double* polls, const BendRule& rule, float* out) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    stereomend::bend(size, u, polls, rule, out, fusion_);
 }
 
 void Engine::shrink(const Samples& from, Size to, const Shrunk& out) {

@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "cells.hpp"
 #include "evidence.hpp"
 #include "fusion.hpp"
 #include "ldr.hpp"
@@ -77,6 +78,10 @@ public:
     void poll(const Rivals& rivals, const PollMarks& marks, const PollRule& rule, double* out);
     void choose(const Rivals& rivals, const Grounds& grounds, const ChoiceRule& rule, float* out);
 
+    // See cells.hpp.
+    void ground(Size size, const double* polls, const GroundRule& rule, float* const out[3]);
+    void bend(Size size, const float* u, const double* polls, const BendRule& rule, float* out);
+
     // See resize.hpp.
     void shrink(const Samples& from, Size to, const Shrunk& out);
     void merge(const Offer& offer, float* out);
@@ -110,6 +115,7 @@ private:
     Crew ldr_;
     EvidenceBuffers evidence_buffers_;
     EvidenceCrew evidence_;
+    CellBuffers cell_buffers_;
     FusionCrew fusion_;
     ResizeBuffers resize_buffers_;
     ResizeCrew resize_;

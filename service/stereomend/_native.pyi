@@ -66,6 +66,23 @@ class ChoiceRule:
         largest_patch: int,
     ) -> None: ...
 
+class GroundRule:
+    def __init__(
+        self,
+        *,
+        trust: float,
+        evidence: float,
+        far_share: float,
+        min_trust: float,
+        full_trust: float,
+        worse_by: float,
+        equal_within: float,
+        far: float,
+    ) -> None: ...
+
+class BendRule:
+    def __init__(self, *, window: float, bend: float, flat: float) -> None: ...
+
 class Engine:
     def __init__(self, threads: int, instruction_set: str = "") -> None: ...
     def solve(
@@ -140,6 +157,10 @@ class Engine:
         spoilt: _Flags,
         rule: PollRule,
     ) -> npt.NDArray[np.float64]: ...
+    def ground(
+        self, polls: npt.NDArray[np.float64], height: int, width: int, rule: GroundRule
+    ) -> list[_Plane]: ...
+    def bend(self, u: _Plane, polls: npt.NDArray[np.float64], rule: BendRule) -> _Plane: ...
     def choose(
         self,
         views: tuple[_Plane, _Flags, _Plane, _Plane, _Plane, _Flags, _Flags],

@@ -11,8 +11,11 @@ import numpy.typing as npt
 from stereomend.disparity import Image, Mask
 from stereomend.refinement.backends.data import (
     UNGUIDED,
+    BendRule,
     ChoiceRule,
     GlintRule,
+    Ground,
+    GroundRule,
     Grounds,
     Guide,
     OcclusionRule,
@@ -172,6 +175,14 @@ class Backend(Protocol):
 
         `matte`: no glint; `spoilt`: beside what a map hides, or a glint, where evidence cannot be compared.
         """
+        ...
+
+    def ground(self, polls: Polls, size: Size, rule: GroundRule) -> Ground:
+        """What the votes say at each pixel of a picture of `size` (R8, R9)."""
+        ...
+
+    def bend(self, u: Plane, polls: Polls, rule: BendRule) -> Plane:
+        """`u` (H, W), bent towards the plane around it where its match lies left of the right image (R7)."""
         ...
 
     def choose(self, rivals: Rivals, grounds: Grounds, rule: ChoiceRule) -> Plane:

@@ -236,6 +236,53 @@ class Polls(NamedTuple):
     """And of u * u."""
 
 
+class GroundRule(NamedTuple):
+    """How votes become trust, and what is compared a verdict (R8, R9); widths in px at working size."""
+
+    trust: float
+    """Standard deviation of the window of trust."""
+    evidence: float
+    """And of that which evidence is compared in."""
+    far_share: float
+    """Weight of a faint window `far` times as wide, which carries trust over gaps."""
+    min_trust: float
+    full_trust: float
+    worse_by: float
+    equal_within: float
+    far: float = 4.0
+
+    @classmethod
+    def of(cls, params: FusionParams, width: int) -> GroundRule:
+        """For a picture of so many columns; windows have a least width, for few votes say nothing."""
+        trust, evidence = (
+            max(share * width, params.least_width_px) for share in (params.trust_width, params.evidence_width)
+        )
+        shared = (params.far_share, params.min_trust, params.full_trust, params.worse_by, params.equal_within)
+        return cls(trust, evidence, *shared)
+
+
+class Ground(NamedTuple):
+    """What the votes say, each (H, W)."""
+
+    level: Plane
+    """Trust T, 0 to 1 (R8)."""
+    equal: Plane
+    """0 to 1: where both say nearly the same, the upload is as good as GDR's map (R9)."""
+    usual: Plane
+    """Evidence for GDR's map where both agree."""
+
+
+class BendRule(NamedTuple):
+    """How a map is continued where its match lies outside of the right image (R7)."""
+
+    window: float
+    """Standard deviation of the window that a plane is fitted in, px."""
+    bend: float
+    """The largest change, as a share of the disparity."""
+    flat: float
+    """Residual of the plane from which half of the change is left, px."""
+
+
 class Offer(NamedTuple):
     """A map and samples of the upload, px, for `Backend.merge` to choose from, each (H, W)."""
 

@@ -16,8 +16,12 @@ from stereomend.refinement.backends.data import (
     HALF,
     SMALLEST,
     UNGUIDED,
+    BendRule,
+    Cells,
     ChoiceRule,
     GlintRule,
+    Ground,
+    GroundRule,
     Grounds,
     Guide,
     OcclusionRule,
@@ -188,6 +192,14 @@ class NativeBackend:
         planes = self._engine.poll(rivals, matte, spoilt, constants)
         return Polls(*planes.reshape(len(Polls._fields), -1, planes.shape[1]))
 
+    def ground(self, polls: Polls, size: Size, rule: GroundRule) -> Ground:
+        """See `Backend.ground`."""
+        return Ground(*self._engine.ground(_stacked(polls), *size, _native.GroundRule(**rule._asdict())))
+
+    def bend(self, u: Plane, polls: Polls, rule: BendRule) -> Plane:
+        """See `Backend.bend`."""
+        return self._engine.bend(self.plane(u), _stacked(polls), _native.BendRule(**rule._asdict()))
+
     def choose(self, rivals: Rivals, grounds: Grounds, rule: ChoiceRule) -> Plane:
         """See `Backend.choose`."""
         return self._engine.choose(rivals, grounds, _native.ChoiceRule(**rule._asdict()))
@@ -212,6 +224,10 @@ class NativeBackend:
         scene = None if scene is None else _flags(scene)
         planes = (self.plane(u), self.plane(initial.u), _flags(initial.valid), _flags(kept))
         return self._engine.tell(*planes, scene, within)
+
+
+def _stacked(polls: Polls) -> Cells:
+    return np.concatenate(polls)
 
 
 def _flags(mask: Mask) -> Mask:

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from stereomend.disparity import Image, Mask
+from stereomend.refinement.backends import reference_cells as cells
 from stereomend.refinement.backends import reference_evidence as parts
 from stereomend.refinement.backends import reference_fusion as fusion
 from stereomend.refinement.backends import sizes
@@ -20,8 +21,11 @@ from stereomend.refinement.backends.coarse_to_fine import coarse_to_fine
 from stereomend.refinement.backends.data import (
     SMALLEST,
     UNGUIDED,
+    BendRule,
     ChoiceRule,
     GlintRule,
+    Ground,
+    GroundRule,
     Grounds,
     Guide,
     OcclusionRule,
@@ -111,7 +115,7 @@ class ReferenceBackend:
         left, right, u = self.plane(left), self.plane(right), self.plane(u)
         position = np.arange(u.shape[1]) - u
         inside = (position >= 0) & (position <= u.shape[1] - 1)
-        smooth = smoothness(u, usable.valid, params) ** params.smoothness_power
+        smooth = parts.smoothness(u, usable.valid, params) ** params.smoothness_power
         difference = np.abs(left - warp(right, u)) / np.maximum(left, MIN_GREY)
         photometric = np.maximum(0, 1 - params.photometric_weight * difference)
         return np.where(usable.valid & usable.matte & inside, smooth * photometric, 0.0)
@@ -226,6 +230,14 @@ class ReferenceBackend:
         """See `Backend.poll`."""
         return fusion.poll(rivals, matte, spoilt, rule)
 
+    def ground(self, polls: Polls, size: Size, rule: GroundRule) -> Ground:
+        """See `Backend.ground`."""
+        return cells.ground(polls, size, rule)
+
+    def bend(self, u: Plane, polls: Polls, rule: BendRule) -> Plane:
+        """See `Backend.bend`."""
+        return cells.bend(self.plane(u), polls, rule)
+
     def choose(self, rivals: Rivals, grounds: Grounds, rule: ChoiceRule) -> Plane:
         """See `Backend.choose`."""
         return fusion.choose(rivals, grounds, rule)
@@ -260,27 +272,6 @@ class ReferenceBackend:
     def tell(self, u: Plane, origins: Origins) -> tuple[npt.NDArray[np.uint8], list[int]]:
         """See `Backend.tell`."""
         return sizes.tell(u, self.unobserved(u), origins)
-
-
-def window_sum(values: Array, radius: int) -> Array:
-    """Sums over the square window around each pixel, as far as it lies inside, (H, W)."""
-    for axis in (0, 1):
-        total = np.concatenate([np.zeros_like(values.take([0], axis)), np.cumsum(values, axis)], axis)
-        at = np.arange(values.shape[axis])
-        last = np.minimum(at + radius + 1, values.shape[axis])
-        values = total.take(last, axis) - total.take(np.maximum(at - radius, 0), axis)
-    return values
-
-
-def smoothness(u: Array, valid: Mask, params: LdrParams) -> Array:
-    """C_s (Eq. 1), in [0, 1]; 0 where the mean over the window is not positive."""
-    radius = params.window // 2
-    total = window_sum(np.where(valid, u, 0.0), radius)
-    count = window_sum(valid.astype(np.float64), radius)
-    mean = np.divide(total, count, out=np.zeros_like(u), where=(count > 0) & (total > 0))
-    deviation = np.divide(np.abs(u - mean), mean, out=np.full_like(u, np.inf), where=mean > 0)
-    with np.errstate(invalid="ignore"):
-        return np.where(mean > 0, np.maximum(0, 1 - params.smoothness_weight * deviation), 0.0)
 
 
 def warp(right: Array, u: Array) -> Array:
