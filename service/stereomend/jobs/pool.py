@@ -16,6 +16,7 @@ from typing import TypeVar
 
 from stereomend.errors import (
     ConfigurationError,
+    DeviceFault,
     InternalError,
     NotReady,
     QueueFull,
@@ -222,6 +223,9 @@ class WorkerPool:
         if isinstance(outcome, Answer):
             self._pace_s += 0.2 * (perf_counter() - ticket.started_at - self._pace_s)
             worker.answered += 1
+        if isinstance(outcome, DeviceFault) and worker in self._up:
+            # It ends by itself; what waits is left to the next.
+            self._up.remove(worker)
         if worker in self._up and not worker.died.done():
             self._idle.append(worker)
             self._hand_out()

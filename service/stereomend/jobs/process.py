@@ -9,13 +9,16 @@ from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnProcess
 
-from stereomend.errors import Unavailable, WorkerCrashed, WorkLimitExceeded
+from stereomend.errors import DeviceFault, Unavailable, WorkerCrashed, WorkLimitExceeded
 from stereomend.jobs.task import Answer, Task
 from stereomend.jobs.worker import Hello, WorkerPlan, receive_answer, receive_hello, send_task, work
 
 _SPAWN = multiprocessing.get_context("spawn")
 # A Ctrl-C, or a service manager's SIGTERM to the whole group, is the server's to act on.
 _LEFT_TO_THE_SERVER = (signal.SIGINT, signal.SIGTERM)
+
+RESTART_S = 1.0
+"""What a new worker takes to start, about."""
 
 
 class WorkerProcess:
@@ -49,6 +52,9 @@ class WorkerProcess:
         send_task(self._connection, task)
         try:
             return receive_answer(self._connection)
+        except DeviceFault as error:
+            error.retry_after = RESTART_S
+            raise
         except (EOFError, OSError) as error:
             raise self._cause_of_death() from error
 
@@ -84,9 +90,9 @@ class WorkerProcess:
 
 
 def crashed(detail: str) -> WorkerCrashed:
-    """Say that a worker died, and when to try again: a new one takes about a second to start."""
+    """Say that a worker died, and when to try again."""
     error = WorkerCrashed(detail)
-    error.retry_after = 1
+    error.retry_after = RESTART_S
     return error
 
 

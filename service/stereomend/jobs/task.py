@@ -26,6 +26,9 @@ T = TypeVar("T")
 TIMINGS = ("queue", "decode", "initial", "ldr", "gdr", "encode", "total")
 """The keys of `Answer.timings`, as time passes; `encode` is what the answer had to wait for it."""
 
+COPIES = ("h2d", "d2h")
+"""Further keys where a GPU computed: what `gdr` took of the copies to it and back."""
+
 
 @dataclass(frozen=True)
 class Files:
@@ -54,7 +57,7 @@ class Task(Files):
 
 @dataclass(frozen=True)
 class Answer:
-    """An encoded result, what is known about it, and the milliseconds of each of `TIMINGS`."""
+    """An encoded result, what is known about it, and the milliseconds of `TIMINGS`, on a GPU also of `COPIES`."""
 
     body: bytes
     media_type: str
@@ -115,7 +118,8 @@ def _described(
 ) -> RefinementResult:
     result = describe(mended, params, backend, confidences)
     known = result.timings | {"total": 1e3 * (perf_counter() - began)}
-    return replace(result, timings={name: known.get(name, 0.0) for name in TIMINGS})
+    copies = {name: known[name] for name in COPIES if name in known}
+    return replace(result, timings={name: known.get(name, 0.0) for name in TIMINGS} | copies)
 
 
 def _decode(files: Files, scale: float | None, max_pixels: int) -> tuple[StereoPair, DisparityMap | None]:

@@ -16,9 +16,9 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.process import parent_process
 from pathlib import Path
 from threading import Thread
-from typing import Any
+from typing import Any, NoReturn
 
-from stereomend.errors import InternalError, StereomendError, WorkLimitExceeded, error_from_slug
+from stereomend.errors import DeviceFault, InternalError, StereomendError, WorkLimitExceeded, error_from_slug
 from stereomend.jobs.logs import LogFormat, configure_logging
 from stereomend.jobs.memory import keep_freed_memory
 from stereomend.jobs.task import Answer, Files, Task, perform
@@ -27,6 +27,9 @@ from stereomend.refinement import Backend, select_backend
 from stereomend.settings import Settings
 
 log = logging.getLogger(__name__)
+
+DEVICE_FAULT_CODE = 86
+"""Exit code of a worker that cannot use its GPU any more."""
 
 _FILES = tuple(field.name for field in fields(Files))
 
@@ -76,7 +79,10 @@ def work(connection: Connection, plan: WorkerPlan) -> None:
     _limit(plan.memory_mb << 20)
     _send_head(connection, {"backend": backend.name, "reason": backend.reason, "kernel": backend.kernel})
     while (task := receive_task(connection)) is not None:
-        _send_outcome(connection, _outcome(task, backend, plan))
+        outcome = _outcome(task, backend, plan)
+        _send_outcome(connection, outcome)
+        if isinstance(outcome, DeviceFault):
+            _leave(task, outcome)
 
 
 def receive_hello(connection: Connection) -> Hello:
@@ -113,6 +119,12 @@ def _exit_with_server() -> None:
     if server is not None:
         wait([server.sentinel])
         os._exit(1)
+
+
+def _leave(task: Task, fault: DeviceFault) -> NoReturn:
+    log.error("request %s: %s", task.request_id, fault)
+    # Not sys.exit: to clean up on a broken device can hang.
+    os._exit(DEVICE_FAULT_CODE)
 
 
 def _limit(memory: int) -> None:

@@ -18,7 +18,7 @@ from stereomend.disparity import (
     as_mask,
     check_same_size,
 )
-from stereomend.refinement.backends import Backend, Plane, Size, select_backend
+from stereomend.refinement.backends import Backend, Plane, Size, Solved, select_backend
 from stereomend.refinement.fusion import Fused, Readings, fuse
 from stereomend.refinement.gdr import prior_of, refine_globally, with_edges
 from stereomend.refinement.initial import choose_initial, match_semiglobally, uploaded
@@ -97,11 +97,12 @@ def mend(pair: StereoPair, upload: DisparityMap | None, params: RefineParams, ba
         begun = Begun(scene, start_from(kind, upload, scene, pair, backend))
     with _timed(timings, "ldr", "ldr" in params.stages and kind != "zero"):
         trusted = locally(begun, params, backend)
-    refined, fused = trusted.local.u, None
+    solved, fused = None, None
     with _timed(timings, "gdr", "gdr" in params.stages):
         if "gdr" in params.stages:
-            refined, fused = globally(begun, trusted, params, backend)
-    trace = Trace(pair, *begun, *trusted, refined, fused)
+            solved, fused = globally(begun, trusted, params, backend)
+            timings |= solved.copies
+    trace = Trace(pair, *begun, *trusted, solved, fused)
     return finish(trace, params, backend, timings)
 
 
@@ -131,17 +132,17 @@ def locally(begun: Begun, params: RefineParams, backend: Backend) -> Trusted:
 
 def globally(
     begun: Begun, trusted: Trusted, params: RefineParams, backend: Backend
-) -> tuple[Plane, Fused | None]:
-    """GDR's map, (H, W) px, and the choice between it and the upload where the parameters ask for one."""
+) -> tuple[Solved, Fused | None]:
+    """GDR's map, and the choice between it and the upload where the parameters ask for one."""
     prior, scene = (
         prior_of(trusted.local, trusted.confidence, params.gdr),
         with_edges(begun.scene, params.gdr, backend),
     )
-    refined = refine_globally(scene, prior, params.gdr, backend)
+    solved = refine_globally(scene, prior, params.gdr, backend)
     if not params.fusion.enabled or begun.start.kind == "zero":
-        return refined, None
+        return solved, None
     upload = sample_disparity(begun.start.full, scene.size)
-    return refined, fuse(scene, Readings(upload, refined), params, backend)
+    return solved, fuse(scene, Readings(upload, solved.u), params, backend)
 
 
 def start_from(

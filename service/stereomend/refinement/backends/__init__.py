@@ -23,6 +23,7 @@ from stereomend.refinement.backends.base import (
     ReuseRule,
     Rivals,
     Size,
+    Solved,
     SpeckleRule,
     Usable,
 )
@@ -47,6 +48,7 @@ __all__ = [
     "ReuseRule",
     "Rivals",
     "Size",
+    "Solved",
     "SpeckleRule",
     "Usable",
     "select_backend",

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -233,6 +234,19 @@ class Problem(NamedTuple):
         return self.left.shape[0], self.left.shape[1]
 
 
+class Solved(NamedTuple):
+    """What GDR makes of a problem, and how."""
+
+    u: Plane
+    """(H, W) px."""
+    by: str
+    """The name of the backend that computed it: one may leave a problem to another."""
+    copies: Mapping[str, float] = MappingProxyType({})
+    """Milliseconds of the copies to a device (`h2d`) and back (`d2h`), where one computed it."""
+    warnings: tuple[str, ...] = ()
+    """For `quality.warnings`."""
+
+
 class Backend(Protocol):
     """The steps of LDR and GDR on one kind of hardware; the same numbers up to rounding."""
 
@@ -290,11 +304,11 @@ class Backend(Protocol):
         """
         ...
 
-    def globally(self, problem: Problem, params: GdrParams) -> Plane:
-        """All of GDR from coarse to fine (Eq. 9 to 14, R3 to R6), (H, W) px.
+    def globally(self, problem: Problem, params: GdrParams) -> Solved:
+        """All of GDR from coarse to fine (Eq. 9 to 14, R3 to R6).
 
         What the levels make of each other is said in `coarse_to_fine`, which backends without a memory of
-        their own share.
+        their own share. Raises DeviceFault if a device failed and this process cannot use it any more.
         """
         ...
 

@@ -28,6 +28,7 @@ from stereomend.refinement.backends.base import (
     ReuseRule,
     Rivals,
     Size,
+    Solved,
     SpeckleRule,
     Usable,
 )
@@ -41,8 +42,8 @@ class NativeBackend:
     name = "native"
     kernel = _native.KERNEL_HASH
 
-    def __init__(self, threads: int, reason: str) -> None:
-        self._engine = _native.Engine(threads)
+    def __init__(self, threads: int, reason: str, engine: _native.Engine | None = None) -> None:
+        self._engine = engine or _native.Engine(threads)
         self.reason = reason
 
     def plane(self, array: npt.NDArray[Any]) -> FloatMap:
@@ -110,9 +111,9 @@ class NativeBackend:
         share, edge, prior, trust = (None if part is None else self.plane(part) for part in (weight, *guide))
         return self._engine.solve(*planes, share, constants, edge, prior, trust)
 
-    def globally(self, problem: Problem, params: GdrParams) -> Plane:
+    def globally(self, problem: Problem, params: GdrParams) -> Solved:
         """See `Backend.globally`."""
-        return coarse_to_fine(problem, params, self)
+        return Solved(coarse_to_fine(problem, params, self), self.name)
 
     def evidence(self, left: Plane, right: Plane, maps: Sequence[Plane]) -> list[Plane]:
         """See `Backend.evidence`."""

@@ -31,6 +31,7 @@ from stereomend.refinement.backends.base import (
     ReuseRule,
     Rivals,
     Size,
+    Solved,
     SpeckleRule,
     Usable,
 )
@@ -139,9 +140,9 @@ class ReferenceBackend:
             u, p = iterate(u, p, (a, r - a * u), params, guide)
         return u
 
-    def globally(self, problem: Problem, params: GdrParams) -> Plane:
+    def globally(self, problem: Problem, params: GdrParams) -> Solved:
         """See `Backend.globally`."""
-        return coarse_to_fine(problem, params, self)
+        return Solved(coarse_to_fine(problem, params, self), self.name)
 
     def evidence(self, left: Plane, right: Plane, maps: Sequence[Plane]) -> list[Plane]:
         """See `Backend.evidence`."""
