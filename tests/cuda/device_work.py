@@ -7,11 +7,12 @@ from typing import Any
 
 import numpy as np
 from fakecuda import Counters, FakeDevice, HostCounters
+from fakecuda.arguments import check_formats
 from fakecuda.build import CACHE
 
 from stereomend.disparity import RefinementResult
 from stereomend.refinement import refine, select_backend
-from stereomend.refinement.backends import Guide, Problem, Solved, cuda_plan, cuda_solver
+from stereomend.refinement.backends import Guide, Problem, Solved, cuda, cuda_plan, cuda_solver
 from stereomend.refinement.backends.cuda import CudaBackend, PyCudaDevice
 from stereomend.refinement.backends.cuda_compile import Sources
 from stereomend.refinement.stage_params import GdrParams
@@ -27,6 +28,17 @@ class Counted:
     u: np.ndarray
     kernels: dict[str, Counters]
     host: HostCounters
+
+
+class CheckedDevice(PyCudaDevice):
+    """Refuses kernels that read their arguments as other types than the host packs."""
+
+    def _load(self, ptx: bytes) -> None:
+        check_formats(ptx.decode(), cuda_solver.ARGUMENTS)
+        super()._load(ptx)
+
+
+cuda.PyCudaDevice = CheckedDevice
 
 
 def backend_of(sources: Sources | None = None) -> CudaBackend:
@@ -119,9 +131,15 @@ def complaint(backend: CudaBackend, problem: Problem, params: GdrParams) -> str:
 
 
 def out_of_bounds(problem: Problem, params: GdrParams) -> None:
-    """A plane of the device is shorter than the kernels believe."""
-    whole = PyCudaDevice.allocate
-    PyCudaDevice.allocate = lambda device, floats: whole(device, floats - 1)
+    """A plane of the device is one pixel shorter than the kernels believe."""
+    whole = cuda_solver._Level.plane
+
+    def shorter(level: Any, name: str, count: int = 1) -> int:
+        if name == "a" and name not in level._kept:
+            level._kept[name] = level._device.allocate(level.size[0] * level.size[1] - 1)
+        return whole(level, name, count)
+
+    cuda_solver._Level.plane = shorter
     backend_of().globally(problem, params)
 
 

@@ -108,14 +108,8 @@ def test_a_device_that_fails_each_time_is_tried_again_after_longer_and_longer_pa
             check_fault(post(server), 719, "launch failed")
         log = server.log.read_text()
     lives = re.findall(r"^(.{23}) \S+ \S+ a worker (is ready|ended with exit code 86)", log, re.M)
-    begins, ends = (
-        [
-            datetime.strptime(time, "%Y-%m-%d %H:%M:%S,%f")
-            for time, what in lives
-            if (what == "is ready") == up
-        ]
-        for up in (True, False)
-    )
+    times = [(datetime.strptime(time, "%Y-%m-%d %H:%M:%S,%f"), what == "is ready") for time, what in lives]
+    begins, ends = ([time for time, up in times if up == wanted] for wanted in (True, False))
     pauses = [(begin - end).total_seconds() for end, begin in zip(ends, begins[1:], strict=False)]
     assert len(pauses) == 3
     for pause, least in zip(pauses, (0.2, 0.4, 0.8), strict=True):

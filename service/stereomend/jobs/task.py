@@ -57,7 +57,7 @@ class Task(Files):
 
 @dataclass(frozen=True)
 class Answer:
-    """An encoded result, what is known about it, and the milliseconds of `TIMINGS`, on a GPU also of `COPIES`."""
+    """An encoded result, what is known about it, and the milliseconds of `TIMINGS` and maybe `COPIES`."""
 
     body: bytes
     media_type: str

@@ -32,8 +32,8 @@ log = logging.getLogger(__name__)
 class CudaBackend(NativeBackend):
     """Implements `Backend`: LDR and fusion are the CPU's, as `native` does them, GDR is the device's.
 
-    One call at a time reaches the device; others wait. A picture too long for a launch is left to the CPU, and
-    so is one that the device has no memory for. After DeviceFault neither this nor its process is of more use.
+    One call at a time reaches the device; others wait. A picture too long for a launch is left to the CPU,
+    and so is one that the device has no memory for. After DeviceFault neither this nor its process is of use.
 
     Raises:
         BackendUnavailable: package, driver, device or compiler are missing; the message says which.
