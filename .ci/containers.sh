@@ -5,6 +5,10 @@ fail() {
   exit 1
 }
 
+step() {
+  echo "-- $* (at $SECONDS s)"
+}
+
 server=
 clean_up() {
   if [ -n "$server" ]; then kill -KILL "$server" 2> /dev/null || true; fi
