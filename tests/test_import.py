@@ -16,7 +16,11 @@ def modules_after(code):
 
 @pytest.mark.parametrize(
     "code",
-    ["from stereomend import DisparityMap", "from stereomend import Client", "from stereomend import AsyncClient"],
+    [
+        "from stereomend import DisparityMap",
+        "from stereomend import Client",
+        "from stereomend import AsyncClient",
+    ],
 )
 def test_the_sdk_pulls_in_neither_the_server_nor_opencv_nor_the_kernels(code):
     loaded = modules_after(code)

@@ -51,7 +51,7 @@ class _Server(uvicorn.Server):
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         """End all connections."""
-        await asyncio.gather(self._service.pool.stop(), super().shutdown(sockets))
+        await asyncio.gather(self._service.jobs.stop(), super().shutdown(sockets))
 
 
 async def _serve(settings: Settings, listener: socket.socket, lifeline: socket.socket) -> None:

@@ -12,7 +12,7 @@ _PR_SET_PDEATHSIG = 1  # of linux/prctl.h
 
 
 def die_with_parent() -> None:
-    """Have the kernel kill this process when its parent dies, even while it is stopped or holds a lock for ever.
+    """Have the kernel kill this process when its parent dies, even while it is stopped or hangs.
 
     A parent that is dead already is not noticed: whoever calls this also watches a descriptor whose other end
     the parent alone holds. It must be the thread that started this process that lives as long as the parent.

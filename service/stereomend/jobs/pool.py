@@ -70,6 +70,11 @@ class WorkerPool:
         """The number of workers that are ready or at work."""
         return len(self._up)
 
+    @property
+    def pace_s(self) -> float:
+        """What one task takes a worker, by the last few [s]."""
+        return self._pace_s
+
     def hello(self) -> Hello:
         """What computes here, and why (raises NotReady while no worker is up)."""
         if not self.ready or self._hello is None:

@@ -79,9 +79,7 @@ class WorkerProcess:
 
     def expire(self, limit_s: float) -> None:
         """Kill the worker, for it took longer than `limit_s` seconds."""
-        self._cause = WorkLimitExceeded(
-            f"the refinement took longer than the {limit_s:g} s that it may take"
-        )
+        self._cause = WorkLimitExceeded(f"the refinement took longer than the {limit_s:g} s that it may take")
         self.kill()
 
     def give_up(self, silent_s: float) -> None:
@@ -104,7 +102,9 @@ class WorkerProcess:
         self.died.set_result(None)
 
     def _cause_of_death(self) -> Unavailable:
-        return self._cause or crashed("the worker process died while it worked on this request; another replaces it")
+        return self._cause or crashed(
+            "the worker process died while it worked on this request; another replaces it"
+        )
 
 
 def crashed(detail: str) -> WorkerCrashed:
@@ -117,9 +117,7 @@ def crashed(detail: str) -> WorkerCrashed:
 def _spawn(plan: WorkerPlan) -> tuple[SpawnProcess, _Ends]:
     ours, theirs = _SPAWN.Pipe()
     hears, bell = _SPAWN.Pipe(duplex=False)
-    process = _SPAWN.Process(
-        target=work, args=(theirs, hears, plan), name="stereomend-worker", daemon=True
-    )
+    process = _SPAWN.Process(target=work, args=(theirs, hears, plan), name="stereomend-worker", daemon=True)
     # Its own start would unblock them again.
     resource_tracker.ensure_running()
     # The child inherits the blocked signals before it runs any Python, so it never prints a traceback.

@@ -23,6 +23,8 @@ class Ticket:
     answer: asyncio.Future[Answer]
     """Await it shielded: to cancel it is not to withdraw the ticket."""
     durable: bool = False
+    request: bool = True
+    """Somebody waits for it: when they leave, it is called off."""
     on_progress: Callable[[], None] | None = None
     progress: Progress = Progress("queue")
     queued_at: float = field(default_factory=perf_counter)
