@@ -9,7 +9,6 @@ from datetime import datetime
 import httpx
 import numpy as np
 import pytest
-from fakecuda.build import CACHE
 
 from stereomend.refinement import refine
 
@@ -18,31 +17,15 @@ ON_GPU = ["h2d", "d2h"]
 
 
 @pytest.fixture
-def gpu_server(emulated, serving, monkeypatch, tmp_path):
+def gpu_server(faulty_device, serving, monkeypatch):
     """Start a server on the emulated device: `with gpu_server(FAKE_CUDA_...="...") as server`."""
 
     def start(**environment):
-        places = {
-            "LD_LIBRARY_PATH": emulated,
-            "XDG_CACHE_HOME": CACHE,
-            "FAKE_CUDA_FAULT_FILE": tmp_path / "fault",
-        }
-        for name, value in (places | environment).items():
-            monkeypatch.setenv(name, str(value))
+        for name, value in environment.items():
+            monkeypatch.setenv(name, value)
         return serving(backend="cuda")
 
     return start
-
-
-@pytest.fixture
-def plant(tmp_path):
-    """Plan a fault of whichever worker works next: `plant("launch 2:700")`."""
-
-    def write(fault):
-        (tmp_path / "fault.new").write_text(fault)
-        (tmp_path / "fault.new").rename(tmp_path / "fault")
-
-    return write
 
 
 @pytest.fixture
@@ -87,7 +70,7 @@ def test_a_fault_costs_one_request_and_the_worker_and_those_that_wait_are_answer
     with gpu_server() as server:
         (worker,) = server.workers()
         before = post(server)
-        assert meta(before)["backend"] == "cuda"
+        assert (meta(before)["backend"], meta(before)["device"]) == ("cuda", "Fake CUDA device")
         plant(f"launch 1:{code}")
         with ThreadPoolExecutor(4) as pool:
             sent = [pool.submit(post, server) for _ in range(4)]

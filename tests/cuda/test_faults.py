@@ -110,4 +110,5 @@ def test_a_result_says_what_computed_it_and_why(posed):
         device_work.refined, pair=pair, params=brief, backend="cuda", env={"FAKE_CUDA_FAIL_ALLOCATION": "0"}
     )
     assert found.meta["backend"] == "native"
+    assert "device" not in found.meta
     assert "device-out-of-memory" in found.quality["warnings"]

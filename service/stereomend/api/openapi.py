@@ -12,7 +12,8 @@ from fastapi.openapi.utils import get_openapi
 
 from stereomend.api.problems import MEDIA_TYPE
 from stereomend.api.schemas import ProblemDocument
-from stereomend.jobs.task import COPIES, TIMINGS
+from stereomend.jobs.task import TIMINGS
+from stereomend.refinement import COPIES
 
 _VERSION = "3.0.3"  # the newest that the bundled Swagger UI draws
 _TEXT = {"type": "string"}

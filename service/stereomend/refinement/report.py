@@ -141,14 +141,19 @@ def _enlarged(confidence: Plane, size: Size, backend: Backend) -> FloatMap:
 def _meta(trace: Trace, params: RefineParams, backend: Backend) -> dict[str, Any]:
     calibration = params.calibration(trace.pair.shape)
     calibrated = {} if calibration is None else {"calibration": asdict(calibration)}
-    return calibrated | {
-        "version": _version(),
-        "kernel": backend.kernel,
-        "preset": params.preset,
-        "backend": backend.name if trace.solved is None else trace.solved.by,
-        "initial": trace.start.kind,
-        "params": params.model_dump(mode="json"),
-    }
+    device = {"device": trace.solved.device} if trace.solved is not None and trace.solved.device else {}
+    return (
+        calibrated
+        | device
+        | {
+            "version": _version(),
+            "kernel": backend.kernel,
+            "preset": params.preset,
+            "backend": backend.name if trace.solved is None else trace.solved.by,
+            "initial": trace.start.kind,
+            "params": params.model_dump(mode="json"),
+        }
+    )
 
 
 @cache

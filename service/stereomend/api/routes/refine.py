@@ -15,8 +15,8 @@ from stereomend.api.state import ServiceOfRequest
 from stereomend.api.uploads import check_headers, read_params, read_parts
 from stereomend.api.waiting import unless_gone
 from stereomend.codec import MEDIA_TYPES, PREVIEW_TYPE, check_calibrated
-from stereomend.jobs.task import COPIES, TIMINGS, Answer, Task
-from stereomend.refinement import parse_params
+from stereomend.jobs.task import TIMINGS, Answer, Task
+from stereomend.refinement import COPIES, parse_params
 
 router = APIRouter(tags=["refine"])
 

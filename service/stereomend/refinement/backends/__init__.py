@@ -7,6 +7,7 @@ import os
 from stereomend.errors import BackendUnavailable
 from stereomend.refinement.backends.base import (
     CELL,
+    COPIES,
     HALF,
     Backend,
     Cells,
@@ -25,6 +26,7 @@ from stereomend.refinement.backends.base import (
     Size,
     Solved,
     SpeckleRule,
+    Tick,
     Usable,
 )
 from stereomend.refinement.backends.reference import ReferenceBackend
@@ -32,6 +34,7 @@ from stereomend.refinement.backends.reference import ReferenceBackend
 __all__ = [
     "BACKENDS",
     "CELL",
+    "COPIES",
     "HALF",
     "Backend",
     "Cells",
@@ -50,6 +53,7 @@ __all__ = [
     "Size",
     "Solved",
     "SpeckleRule",
+    "Tick",
     "Usable",
     "select_backend",
 ]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, NamedTuple, Protocol
 
@@ -26,6 +26,10 @@ SMALLEST = 0.5
 
 Size = tuple[int, int]
 """Height and width in pixels."""
+
+
+Tick = Callable[[], None]
+"""Called before each warp of a solve, in the caller's thread; what it raises ends the solve."""
 
 
 class Usable(NamedTuple):
@@ -234,6 +238,10 @@ class Problem(NamedTuple):
         return self.left.shape[0], self.left.shape[1]
 
 
+COPIES = ("h2d", "d2h")
+"""What is timed on a device besides the solve: the copies to it and back."""
+
+
 class Solved(NamedTuple):
     """What GDR makes of a problem, and how."""
 
@@ -242,9 +250,11 @@ class Solved(NamedTuple):
     by: str
     """The name of the backend that computed it: one may leave a problem to another."""
     copies: Mapping[str, float] = MappingProxyType({})
-    """Milliseconds of the copies to a device (`h2d`) and back (`d2h`), where one computed it."""
+    """Milliseconds of each of `COPIES`, where a device computed it."""
     warnings: tuple[str, ...] = ()
     """For `quality.warnings`."""
+    device: str | None = None
+    """The name of the device that computed it; None: the CPU."""
 
 
 class Backend(Protocol):
@@ -297,6 +307,7 @@ class Backend(Protocol):
         *,
         weight: Plane | None = None,
         guide: Guide = UNGUIDED,
+        tick: Tick | None = None,
     ) -> Plane:
         """All warps of one level from `u`, with the dual variable starting at zero (Eq. 9 to 14, R3 to R5).
 
@@ -304,11 +315,12 @@ class Backend(Protocol):
         """
         ...
 
-    def globally(self, problem: Problem, params: GdrParams) -> Solved:
+    def globally(self, problem: Problem, params: GdrParams, tick: Tick | None = None) -> Solved:
         """All of GDR from coarse to fine (Eq. 9 to 14, R3 to R6).
 
         What the levels make of each other is said in `coarse_to_fine`, which backends without a memory of
-        their own share. Raises DeviceFault if a device failed and this process cannot use it any more.
+        their own share; on a device no `tick` is heard. Raises DeviceFault if a device failed and this
+        process cannot use it any more.
         """
         ...
 

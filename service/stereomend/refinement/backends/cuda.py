@@ -16,10 +16,10 @@ import numpy.typing as npt
 
 from stereomend.errors import BackendUnavailable
 from stereomend.refinement.backends import cuda_plan as plan
-from stereomend.refinement.backends.base import UNGUIDED, Guide, Plane, Problem, Solved
+from stereomend.refinement.backends.base import COPIES, UNGUIDED, Guide, Plane, Problem, Solved, Tick
 from stereomend.refinement.backends.cuda_compile import Sources, compile_kernels
 from stereomend.refinement.backends.cuda_faults import check_alive
-from stereomend.refinement.backends.cuda_solver import ARGUMENTS, COPIES, Inputs, Solver
+from stereomend.refinement.backends.cuda_solver import ARGUMENTS, Inputs, Solver
 from stereomend.refinement.backends.native import NativeBackend
 from stereomend.refinement.stage_params import GdrParams
 
@@ -59,15 +59,16 @@ class CudaBackend(NativeBackend):
         *,
         weight: Plane | None = None,
         guide: Guide = UNGUIDED,
+        tick: Tick | None = None,
     ) -> Plane:
         """See `Backend.solve`."""
         inputs = Inputs(left, right, u, weight, (), *guide)
         solved = self._solve(inputs, params.model_copy(update={"levels": 1}))
         if isinstance(solved, Left):
-            return self._cpu.solve(left, right, u, params, weight=weight, guide=guide)
+            return self._cpu.solve(left, right, u, params, weight=weight, guide=guide, tick=tick)
         return solved.u
 
-    def globally(self, problem: Problem, params: GdrParams) -> Solved:
+    def globally(self, problem: Problem, params: GdrParams, tick: Tick | None = None) -> Solved:
         """See `Backend.globally`."""
         inputs = Inputs(
             problem.left,
@@ -81,7 +82,7 @@ class CudaBackend(NativeBackend):
         )
         solved = self._solve(inputs, params)
         if isinstance(solved, Left):
-            return self._cpu.globally(problem, params)._replace(warnings=solved.warnings)
+            return self._cpu.globally(problem, params, tick)._replace(warnings=solved.warnings)
         return solved
 
     def _solve(self, inputs: Inputs, params: GdrParams) -> Solved | Left:
@@ -102,7 +103,7 @@ class CudaBackend(NativeBackend):
         """None if the device has no memory for it, and then nothing is left there."""
         try:
             u, copies = self._solver.solve(inputs, params)
-            return Solved(u, self.name, copies)
+            return Solved(u, self.name, copies, device=self._gpu.name)
         except self._gpu.OutOfMemory:
             pass  # while the error lives, its traceback keeps the buffers
         self._solver.give_back()
@@ -125,7 +126,8 @@ class PyCudaDevice:
         major, minor = device.compute_capability()
         speaks = driver.get_driver_version()
         compiled = compile_kernels(sources, 10 * major + minor, (speaks // 1000, speaks % 1000 // 10))
-        self.label = f"{device.name()}, compute {major}.{minor}, {compiled.by}"
+        self.name: str = device.name()
+        self.label = f"{self.name}, compute {major}.{minor}, {compiled.by}"
         self._lock = RLock()
         try:
             self._context = device.make_context()

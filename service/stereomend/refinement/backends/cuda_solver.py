@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from stereomend.refinement.backends import cuda_plan as plan
-from stereomend.refinement.backends.base import Plane, ReuseRule, Size
+from stereomend.refinement.backends.base import COPIES, Plane, ReuseRule, Size
 from stereomend.refinement.backends.coarse_to_fine import level_sizes, schedule
 from stereomend.refinement.stage_params import GdrParams
 
@@ -38,9 +38,6 @@ ARGUMENTS = {
     "better": "PPPPiifff0P",
 }
 """Types of each kernel's arguments in order, as the module `struct` names them; 0P fills a struct's end."""
-
-COPIES = ("h2d", "d2h")
-"""What is timed on the device: the copies to it and back."""
 
 KEPT_SIZES = 2
 """Buffers of so many sizes stay on the device."""

@@ -30,6 +30,7 @@ from stereomend.refinement.backends.base import (
     Size,
     Solved,
     SpeckleRule,
+    Tick,
     Usable,
 )
 from stereomend.refinement.backends.coarse_to_fine import coarse_to_fine
@@ -94,6 +95,7 @@ class NativeBackend:
         *,
         weight: Plane | None = None,
         guide: Guide = UNGUIDED,
+        tick: Tick | None = None,
     ) -> Plane:
         """See `Backend.solve`."""
         constants = _native.SolverParams(
@@ -109,11 +111,11 @@ class NativeBackend:
         )
         planes = (self.plane(left), self.plane(right), self.plane(u))
         share, edge, prior, trust = (None if part is None else self.plane(part) for part in (weight, *guide))
-        return self._engine.solve(*planes, share, constants, edge, prior, trust)
+        return self._engine.solve(*planes, share, constants, edge, prior, trust, tick)
 
-    def globally(self, problem: Problem, params: GdrParams) -> Solved:
+    def globally(self, problem: Problem, params: GdrParams, tick: Tick | None = None) -> Solved:
         """See `Backend.globally`."""
-        return Solved(coarse_to_fine(problem, params, self), self.name)
+        return Solved(coarse_to_fine(problem, params, self, tick), self.name)
 
     def evidence(self, left: Plane, right: Plane, maps: Sequence[Plane]) -> list[Plane]:
         """See `Backend.evidence`."""
