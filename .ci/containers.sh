@@ -84,6 +84,8 @@ open() {
   mapfile -d '' -t user < <(config User)
   mapfile -d '' -t healthcheck < <(config Healthcheck.Test)
   [ "${healthcheck[0]}" = CMD ] || fail "the health check is not in exec form"
+  data=$work/data-$1
+  install --directory --owner "${user[0]%:*}" --group "${user[0]#*:}" --mode 0700 "$data"
   container=$(buildah from --pull-never "localhost/$1")
   root=$(buildah mount "$container")
   for file in etc/pip.conf etc/pip.pem; do
@@ -93,22 +95,24 @@ open() {
 
 # contained [NAME=VALUE...] -- COMMAND...
 # As an engine starts it with --read-only, --cap-drop=ALL and no-new-privileges: the process is number 1, its user
-# and environment are the image's, and no tmpfs is mounted. The folder $mounted, if any, is there as /mnt.
+# and environment are the image's, no tmpfs is mounted, and the image's one volume is $data, a folder of that user.
+# The folder $mounted, if any, is there as /mnt.
 contained() {
   local -a given=()
   while [ "$1" != -- ]; do given+=("$1"); shift; done
   shift
   exec unshare --mount --pid --fork --kill-child bash -euc '
-    root=$1 uid=$2 gid=$3 mounted=$4
-    shift 4
+    root=$1 uid=$2 gid=$3 data=$4 mounted=$5
+    shift 5
     mount --bind "$root" "$root"
     mount --rbind /dev "$root/dev"
     mount -t proc proc "$root/proc"
     if [ -n "$mounted" ]; then mount --bind "$mounted" "$root/mnt"; fi
     mount -o remount,bind,ro "$root"
+    mount --bind "$data" "$root/data"
     exec chroot "$root" setpriv --reuid="$uid" --regid="$gid" --clear-groups --no-new-privs \
       --bounding-set=-all --inh-caps=-all env -i "$@"' \
-    contained "$root" "${user[0]%:*}" "${user[0]#*:}" "${mounted:-}" "${environment[@]}" "${given[@]}" "$@"
+    contained "$root" "${user[0]%:*}" "${user[0]#*:}" "$data" "${mounted:-}" "${environment[@]}" "${given[@]}" "$@"
 }
 
 healthy() {
