@@ -5,6 +5,7 @@ import os
 
 import pytest
 from fakecuda import driver_folder, missing_tools
+from fakecuda.build import CACHE
 
 
 @pytest.fixture(scope="session")
@@ -17,3 +18,22 @@ def emulated():
     if reason:
         pytest.skip(reason)
     return driver_folder()
+
+
+@pytest.fixture
+def faulty_device(emulated, monkeypatch, tmp_path):
+    """Processes started from here on have the emulated device, and look for the faults that `plant` plans."""
+    monkeypatch.setenv("LD_LIBRARY_PATH", str(emulated))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(CACHE))
+    monkeypatch.setenv("FAKE_CUDA_FAULT_FILE", str(tmp_path / "fault"))
+
+
+@pytest.fixture
+def plant(tmp_path):
+    """Plan a fault of whichever process works next: `plant("launch 2:700")`."""
+
+    def write(fault):
+        (tmp_path / "fault.new").write_text(fault)
+        (tmp_path / "fault.new").rename(tmp_path / "fault")
+
+    return write

@@ -7,12 +7,13 @@ from typing import Any
 
 import numpy as np
 from fakecuda import Counters, FakeDevice, HostCounters
+from fakecuda.arguments import check_formats
 from fakecuda.build import CACHE
 
 from stereomend.disparity import RefinementResult
 from stereomend.refinement import refine, select_backend
-from stereomend.refinement.backends import Guide, Problem, cuda_plan, cuda_solver
-from stereomend.refinement.backends.cuda import CudaBackend
+from stereomend.refinement.backends import Guide, Problem, Solved, cuda, cuda_plan, cuda_solver
+from stereomend.refinement.backends.cuda import CudaBackend, PyCudaDevice
 from stereomend.refinement.backends.cuda_compile import Sources
 from stereomend.refinement.stage_params import GdrParams
 
@@ -29,6 +30,17 @@ class Counted:
     host: HostCounters
 
 
+class CheckedDevice(PyCudaDevice):
+    """Refuses kernels that read their arguments as other types than the host packs."""
+
+    def _load(self, ptx: bytes) -> None:
+        check_formats(ptx.decode(), cuda_solver.ARGUMENTS)
+        super()._load(ptx)
+
+
+cuda.PyCudaDevice = CheckedDevice
+
+
 def backend_of(sources: Sources | None = None) -> CudaBackend:
     # Compiled kernels stay with the fake driver's.
     os.environ["XDG_CACHE_HOME"] = str(CACHE)
@@ -40,7 +52,7 @@ def globally(problem: Problem, params: GdrParams, repeats: int = 1) -> list[Coun
     found = []
     for _ in range(repeats):
         device.reset_counters()
-        u = backend.globally(problem, params)
+        u = backend.globally(problem, params).u
         counters = {name: device.counters(name) for name in device.kernels()}
         found.append(Counted(u, counters, device.host()))
     return found
@@ -84,3 +96,63 @@ def chosen(name: str) -> tuple[str, str, str]:
     os.environ["XDG_CACHE_HOME"] = str(CACHE)
     backend = select_backend(name, 1)
     return backend.name, backend.reason, backend.kernel
+
+
+def solved_globally(problems: Sequence[tuple[Problem, GdrParams]]) -> list[Solved]:
+    backend = backend_of()
+    # What is pickled has no use for a read-only mapping, which cannot be.
+    return [portable(backend.globally(*problem)) for problem in problems]
+
+
+def portable(solved: Solved) -> Solved:
+    return solved._replace(copies=dict(solved.copies))
+
+
+def after_a_fault(problem: Problem, params: GdrParams) -> list[str]:
+    """What three solves say, the first of which meets a fault."""
+    device, backend = FakeDevice(), backend_of()
+    device.fail_launch(after=2, code=700)
+    return [complaint(backend, problem, params) for _ in range(3)]
+
+
+def after_an_error(problem: Problem, params: GdrParams, code: int) -> tuple[str, np.ndarray]:
+    """What a solve says, one launch of which fails with `code`, and what comes of the next."""
+    device, backend = FakeDevice(), backend_of()
+    device.fail_launch(after=2, code=code)
+    return complaint(backend, problem, params), backend.globally(problem, params).u
+
+
+def complaint(backend: CudaBackend, problem: Problem, params: GdrParams) -> str:
+    try:
+        backend.globally(problem, params)
+    except Exception as error:
+        return f"{type(error).__name__}: {error}"
+    return "fine"
+
+
+def out_of_bounds(problem: Problem, params: GdrParams) -> None:
+    """A plane of the device is one pixel shorter than the kernels believe."""
+    whole = cuda_solver._Level.plane
+
+    def shorter(level: Any, name: str, count: int = 1) -> int:
+        if name == "a" and name not in level._kept:
+            level._kept[name] = level._device.allocate(level.size[0] * level.size[1] - 1)
+        return whole(level, name, count)
+
+    cuda_solver._Level.plane = shorter
+    backend_of().globally(problem, params)
+
+
+def short_of_memory(
+    problem: Problem, params: GdrParams, allocations: int
+) -> list[tuple[Solved, Solved, int]]:
+    """For each allocation of a solve: it fails, then another solve; and what the first one left allocated."""
+    device, outcomes = FakeDevice(), []
+    for after in range(allocations):
+        backend = backend_of()
+        device.reset_counters()
+        device.fail_allocation(after)
+        without = portable(backend.globally(problem, params))
+        kept = device.host().allocations - device.host().frees
+        outcomes.append((without, portable(backend.globally(problem, params)), kept))
+    return outcomes

@@ -5,10 +5,12 @@ import sys
 from pathlib import Path
 
 import pytest
+from fakecuda.arguments import check_formats, complaints, letters_of, reads_of
 
 from stereomend.errors import BackendUnavailable
 from stereomend.refinement.backends import cuda_compile
 from stereomend.refinement.backends.cuda_compile import Nvcc, Nvrtc, Sources, compile_kernels
+from stereomend.refinement.backends.cuda_solver import ARGUMENTS
 
 KERNELS = Path(__file__).parents[2] / "kernels"
 
@@ -120,6 +122,26 @@ def test_each_compiler_of_this_machine_makes_all_kernels(kind):
     for compiler in found(kind):
         ptx = compiler.compile(Sources.installed(), max(compiler.architectures())).decode()
         assert all(f".entry {name}(" in ptx for name in ("linearise", "iterate", "iterate_guided", "better"))
+        check_formats(ptx, ARGUMENTS)
+
+
+# The kernel that has no use for its step, which is part of the struct that it shares with another.
+UNREAD = {("gather", 9)}
+OTHER = {"i": "f", "f": "i"}
+
+
+@pytest.mark.parametrize("kind", [Nvcc, Nvrtc])
+def test_an_argument_packed_as_another_type_of_its_size_is_seen(kind):
+    """Of each kernel each integer as a float, each float as an integer."""
+    if not found(kind):
+        pytest.skip(f"{kind.name} is not on this machine")
+    compiler = found(kind)[0]
+    reads = reads_of(compiler.compile(Sources.installed(), max(compiler.architectures())).decode())
+    for name, packed in ARGUMENTS.items():
+        for number, letter in letters_of(packed).values():
+            if letter in OTHER and (name, number) not in UNREAD:
+                wrong = packed[:number] + OTHER[letter] + packed[number + 1 :]
+                assert list(complaints(wrong, reads[name])), (name, number)
 
 
 @pytest.mark.parametrize("kind", [Nvcc, Nvrtc])

@@ -109,11 +109,30 @@ FAULTS = {
         "gdr.cu",
         "",
         "",
-        "takes 1 arguments of",
+        "iterate_guided: argument 17 at byte 120 is packed as 'd' and read as f32",
         arguments={"iterate_guided": ARGUMENTS["iterate_guided"].replace("fff", "fdf")},
     ),
-    "an argument of the wrong type": Fault(
-        "gdr.cu", "", "", arguments={"observed": "PPPif"}, complaint="out of bounds"
+    # As a truth value, which it is there, any float but 0 does as well as 1: no map would tell.
+    "a float for an integer": Fault(
+        "gdr.cu",
+        "",
+        "",
+        "linearise: argument 8 at byte 56 is packed as 'f' and read as u32",
+        arguments={"linearise": "PPPPPPiiff"},
+    ),
+    "an integer for a float": Fault(
+        "gdr.cu",
+        "",
+        "",
+        "iterate_guided: argument 16 at byte 116 is packed as 'i' and read as f32",
+        arguments={"iterate_guided": ARGUMENTS["iterate_guided"].replace("fff", "iff")},
+    ),
+    "integers for a pointer": Fault(
+        "gdr.cu",
+        "",
+        "",
+        "observed: argument 2 at byte 16 is packed as 'i' and read as u64",
+        arguments={"observed": "PPiiii"},
     ),
 }
 

@@ -52,7 +52,7 @@ def test_a_trusted_prior_holds_where_it_is_trusted_on_every_level(phantom, scene
     trust = np.zeros_like(wrong)
     trust[:, 100:] = 50
     params = GdrParams(levels=3, warps=5, iterations=10, prior_weight=0.1)
-    found = refine_globally(scene, Prior(wrong, trust), params, NATIVE)
+    found = refine_globally(scene, Prior(wrong, trust), params, NATIVE).u
     assert np.abs(found - wrong)[:, 104:].max() < 0.01
     assert np.median(np.abs(found - phantom.truth)[:, 40:90]) < 0.5
 
@@ -61,7 +61,7 @@ def test_coarser_levels_can_have_a_schedule_of_their_own(scene, phantom):
     """Equal numbers named twice are no change; others are; and one level alone is the finest."""
     start = phantom.truth + np.float32(0.8)
     same, named, more = (
-        refine_globally(scene, Prior(start), GdrParams(levels=3, warps=2, iterations=4, **coarse), NATIVE)
+        refine_globally(scene, Prior(start), GdrParams(levels=3, warps=2, iterations=4, **coarse), NATIVE).u
         for coarse in (
             {},
             {"coarse_warps": 2, "coarse_iterations": 4},
@@ -73,7 +73,7 @@ def test_coarser_levels_can_have_a_schedule_of_their_own(scene, phantom):
     alone = [
         refine_globally(
             scene, Prior(start), GdrParams(levels=1, warps=2, iterations=4, coarse_warps=warps), NATIVE
-        )
+        ).u
         for warps in (0, 9)
     ]
     assert (alone[0] == alone[1]).all()
@@ -91,6 +91,6 @@ def test_a_jump_stays_where_the_colours_change():
     robust = parse_params({"preset": "robust"}).gdr
     wrong = []
     for params in (robust, robust.model_copy(update={"edge_level": None})):
-        found = refine_globally(with_edges(scene, params, NATIVE), Prior(smeared), params, NATIVE)
+        found = refine_globally(with_edges(scene, params, NATIVE), Prior(smeared), params, NATIVE).u
         wrong.append(np.mean(np.abs(found - depth)[:, 40:56] > 1))
     assert wrong[0] < 0.7 * wrong[1]

@@ -13,6 +13,7 @@ from fastapi.openapi.utils import get_openapi
 from stereomend.api.problems import MEDIA_TYPE
 from stereomend.api.schemas import ProblemDocument
 from stereomend.jobs.task import TIMINGS
+from stereomend.refinement import COPIES
 
 _VERSION = "3.0.3"  # the newest that the bundled Swagger UI draws
 _TEXT = {"type": "string"}
@@ -51,7 +52,10 @@ REFINE_BODY = {
 def refined(media_types: Sequence[str]) -> Responses:
     """Describe the answer 200 of a refinement."""
     meta = "JSON: version, kernel hash, preset, backend, levels and quality; not with application/zip"
-    timing = f"milliseconds of {', '.join(TIMINGS)}"
+    timing = (
+        f"milliseconds of {', '.join(TIMINGS)}; where a GPU computed also {' and '.join(COPIES)}: "
+        "the copies to it and back, part of gdr"
+    )
     answer = {
         "description": "The refined disparity map.",
         "content": {media_type: {"schema": _FILE} for media_type in media_types},

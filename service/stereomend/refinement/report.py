@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from stereomend.disparity import FloatMap, Mask, RefinementResult, StereoPair
-from stereomend.refinement.backends import Backend, Origins, Plane, Reading, Size
+from stereomend.refinement.backends import Backend, Origins, Plane, Reading, Size, Solved
 from stereomend.refinement.fusion import Fused, at_input_size
 from stereomend.refinement.ldr import Local, confidence_of
 from stereomend.refinement.params import Initial, RefineParams
@@ -37,9 +37,15 @@ class Trace(NamedTuple):
     confidence: Plane
     """Of the initial disparity."""
     local: Local
-    refined: Plane
+    solved: Solved | None
+    """What GDR made of it; None where it did not run."""
     fused: Fused | None = None
     """The choice between the upload and `refined`; None where there was none."""
+
+    @property
+    def refined(self) -> Plane:
+        """The last stage's map."""
+        return self.local.u if self.solved is None else self.solved.u
 
     @property
     def outcome(self) -> Plane:
@@ -138,14 +144,19 @@ def _enlarged(confidence: Plane, size: Size, backend: Backend) -> FloatMap:
 def _meta(trace: Trace, params: RefineParams, backend: Backend) -> dict[str, Any]:
     calibration = params.calibration(trace.pair.shape)
     calibrated = {} if calibration is None else {"calibration": asdict(calibration)}
-    return calibrated | {
-        "version": _version(),
-        "kernel": backend.kernel,
-        "preset": params.preset,
-        "backend": backend.name,
-        "initial": trace.start.kind,
-        "params": params.model_dump(mode="json"),
-    }
+    device = {"device": trace.solved.device} if trace.solved is not None and trace.solved.device else {}
+    return (
+        calibrated
+        | device
+        | {
+            "version": _version(),
+            "kernel": backend.kernel,
+            "preset": params.preset,
+            "backend": backend.name if trace.solved is None else trace.solved.by,
+            "initial": trace.start.kind,
+            "params": params.model_dump(mode="json"),
+        }
+    )
 
 
 @cache
@@ -173,3 +184,5 @@ def _warnings(trace: Trace, refined: Sparse, params: RefineParams, backend: Back
         if params.ldr.specular == "saturation" and not trace.scene.coloured:
             yield "no-colour"
     yield from warnings_of(trace.scene, trace.start.working, refined, backend)
+    if trace.solved is not None:
+        yield from trace.solved.warnings

@@ -62,7 +62,10 @@ const char* error_text(int code) {
         {kInvalidDevice, "invalid device ordinal"},
         {kInvalidContext, "invalid device context"},
         {kNoBinary, "no kernel image is available for execution on the device"},
+        {214, "uncorrectable ECC error encountered"},
         {kInvalidPtx, "a PTX JIT compilation failed"},
+        {220, "uncorrectable NVLink error detected during the execution"},
+        {226, "Invalid access of peer GPU memory over nvlink or a hardware error"},
         {kFileNotFound, "file not found"},
         {kInvalidHandle, "invalid resource handle"},
         {kNotFound, "named symbol not found"},
@@ -70,10 +73,17 @@ const char* error_text(int code) {
         {kIllegalAddress, "an illegal memory access was encountered"},
         {kOutOfResources, "too many resources requested for launch"},
         {kTimeout, "the launch timed out and was terminated"},
+        {709, "context is destroyed"},
         {kAssert, "device-side assert triggered"},
+        {714, "hardware stack error"},
+        {715, "an illegal instruction was encountered"},
         {kMisaligned, "misaligned address"},
+        {717, "operation not supported on global/shared address space"},
+        {718, "invalid program counter"},
         {kLaunchFailed, "unspecified launch failure"},
-        {kNotSupported, "operation not supported"}};
+        {721, "tensor memory not completely freed"},
+        {kNotSupported, "operation not supported"},
+        {999, "unknown error"}};
     const auto found = texts.find(code);
     return found == texts.end() ? "unknown error" : found->second;
 }

@@ -12,6 +12,7 @@ using Address = unsigned long long;
 
 int allocate(Driver& d, Address* address, size_t bytes) {
     if (bytes == 0) return d.reject(kInvalidValue, "an allocation of 0 bytes");
+    d.look_for_faults();
     if (d.failing_allocation.strikes()) return kOutOfMemory;
     *address = d.memory->allocate(bytes);
     if (!*address) return kOutOfMemory;

@@ -110,6 +110,7 @@ int gather(Driver& d, const Function& f, void** single, void** extra, std::vecto
 
 int run(Driver& d, const Kernel& kernel, Dim3 grid, Dim3 block, uint32_t shared, const std::vector<uint8_t>& params) {
     const std::string& name = kernel.function->name;
+    d.look_for_faults();
     if (d.failing_launch.strikes()) return d.break_down(d.failing_launch.code, "a planned fault: kernel " + name);
     Launch launch{kernel.module->program,
                   *kernel.function,

@@ -1,7 +1,10 @@
 #include "driver.hpp"
 
+#include <unistd.h>
+
 #include <cstdio>
 #include <cstdlib>
+#include <fstream>
 
 namespace fake {
 namespace {
@@ -21,6 +24,12 @@ Planned planned(const std::string& text, int code, int times) {
     return plan;
 }
 
+// Of a kernel, or of the hardware under it: after them nothing works any more.
+bool is_sticky(int code) {
+    static const std::set<int> codes = {214, 220, 226, 700, 702, 709, 710, 714, 715, 716, 717, 718, 719, 721, 999};
+    return codes.count(code) > 0;
+}
+
 }  // namespace
 
 Driver::Driver() {
@@ -37,6 +46,7 @@ Driver::Driver() {
     memory = std::make_unique<DeviceMemory>(mebibytes << 20);
     failing_launch = planned(environment("FAKE_CUDA_FAIL_LAUNCH", ""), kLaunchFailed, 1);
     failing_allocation = planned(environment("FAKE_CUDA_FAIL_ALLOCATION", ""), kOutOfMemory, kTries);
+    fault_file = environment("FAKE_CUDA_FAULT_FILE", "");
 }
 
 Driver& driver() {
@@ -50,9 +60,23 @@ std::vector<Context*>& context_stack() {
 }
 
 int Driver::break_down(int code, const std::string& what) {
+    if (!is_sticky(code)) return reject(code, what);
     sticky = code;
     queue.clear();
     return reject(code, what);
+}
+
+// Renamed first, so that one process alone has it.
+void Driver::look_for_faults() {
+    if (fault_file.empty()) return;
+    const std::string mine = fault_file + "." + std::to_string(getpid());
+    if (std::rename(fault_file.c_str(), mine.c_str())) return;
+    std::string what;
+    std::string plan;
+    std::ifstream(mine) >> what >> plan;
+    std::remove(mine.c_str());
+    if (what == "launch") failing_launch = planned(plan, kLaunchFailed, 1);
+    if (what == "allocation") failing_allocation = planned(plan, kOutOfMemory, kTries);
 }
 
 int Driver::reject(int code, const std::string& what) {

@@ -101,6 +101,7 @@ struct Driver {
     HostCounters host;
     Planned failing_launch;
     Planned failing_allocation;
+    std::string fault_file;  // its path; empty: none is looked for
     Context primary{true, 0};
     std::set<Context*> contexts;
     std::set<Module*> modules;
@@ -111,8 +112,10 @@ struct Driver {
     std::map<uint64_t, uint64_t> pinned;  // address, bytes
     std::deque<std::function<int()>> queue;
 
-    // Errors that make the device unusable stay.
+    // Errors that make the device unusable stay, others do not.
     int break_down(int code, const std::string& what);
+    // Takes over the plan of the fault file, if there is one.
+    void look_for_faults();
     int reject(int code, const std::string& what);
     int submit(std::function<int()> work);
     int work_off_one();

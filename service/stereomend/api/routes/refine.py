@@ -16,7 +16,7 @@ from stereomend.api.uploads import check_headers, read_params, read_parts
 from stereomend.api.waiting import unless_gone
 from stereomend.codec import MEDIA_TYPES, PREVIEW_TYPE, check_calibrated
 from stereomend.jobs.task import TIMINGS, Answer, Task
-from stereomend.refinement import parse_params
+from stereomend.refinement import COPIES, parse_params
 
 router = APIRouter(tags=["refine"])
 
@@ -58,7 +58,8 @@ def _task(parts: Mapping[str, bytes], media_type: str, request_id: str) -> Task:
 
 
 def _response(answer: Answer) -> Response:
-    timing = ", ".join(f"{name};dur={answer.timings[name]:.3f}" for name in TIMINGS)
+    known = (name for name in (*TIMINGS, *COPIES) if name in answer.timings)
+    timing = ", ".join(f"{name};dur={answer.timings[name]:.3f}" for name in known)
     headers = {"Server-Timing": timing}
     if answer.media_type != _ZIP:
         headers["Stereomend-Meta"] = _meta(answer.meta)

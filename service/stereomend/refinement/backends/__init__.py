@@ -8,6 +8,7 @@ from stereomend.errors import BackendUnavailable
 from stereomend.refinement.backends.base import Backend
 from stereomend.refinement.backends.data import (
     CELL,
+    COPIES,
     HALF,
     BendRule,
     Cells,
@@ -28,8 +29,10 @@ from stereomend.refinement.backends.data import (
     ReuseRule,
     Rivals,
     Size,
+    Solved,
     Sparse,
     SpeckleRule,
+    Tick,
     Usable,
 )
 from stereomend.refinement.backends.reference import ReferenceBackend
@@ -37,6 +40,7 @@ from stereomend.refinement.backends.reference import ReferenceBackend
 __all__ = [
     "BACKENDS",
     "CELL",
+    "COPIES",
     "HALF",
     "Backend",
     "BendRule",
@@ -58,8 +62,10 @@ __all__ = [
     "ReuseRule",
     "Rivals",
     "Size",
+    "Solved",
     "Sparse",
     "SpeckleRule",
+    "Tick",
     "Usable",
     "select_backend",
 ]

@@ -29,8 +29,10 @@ from stereomend.refinement.backends.data import (
     ReuseRule,
     Rivals,
     Size,
+    Solved,
     Sparse,
     SpeckleRule,
+    Tick,
     Usable,
 )
 from stereomend.refinement.stage_params import GdrParams, LdrParams
@@ -94,6 +96,7 @@ class Backend(Protocol):
         *,
         weight: Plane | None = None,
         guide: Guide = UNGUIDED,
+        tick: Tick | None = None,
     ) -> Plane:
         """All warps of one level from `u`, with the dual variable starting at zero (Eq. 9 to 14, R3 to R5).
 
@@ -101,11 +104,12 @@ class Backend(Protocol):
         """
         ...
 
-    def globally(self, problem: Problem, params: GdrParams) -> Plane:
-        """All of GDR from coarse to fine (Eq. 9 to 14, R3 to R6), (H, W) px.
+    def globally(self, problem: Problem, params: GdrParams, tick: Tick | None = None) -> Solved:
+        """All of GDR from coarse to fine (Eq. 9 to 14, R3 to R6).
 
         What the levels make of each other is said in `coarse_to_fine`, which backends without a memory of
-        their own share.
+        their own share; on a device no `tick` is heard. Raises DeviceFault if a device failed and this
+        process cannot use it any more.
         """
         ...
 

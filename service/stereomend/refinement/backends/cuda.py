@@ -5,10 +5,11 @@ PyCUDA is imported when a backend is made, nowhere else: a machine without CUDA 
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
 from threading import RLock
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -16,21 +17,23 @@ import numpy.typing as npt
 from stereomend.errors import BackendUnavailable
 from stereomend.refinement.backends import cuda_plan as plan
 from stereomend.refinement.backends.cuda_compile import Sources, compile_kernels
+from stereomend.refinement.backends.cuda_faults import check_alive
 from stereomend.refinement.backends.cuda_solver import ARGUMENTS, Inputs, Solver
-from stereomend.refinement.backends.data import (
-    UNGUIDED,
-    Guide,
-    Plane,
-    Problem,
-)
+from stereomend.refinement.backends.data import COPIES, UNGUIDED, Guide, Plane, Problem, Solved, Tick
 from stereomend.refinement.backends.native import NativeBackend
 from stereomend.refinement.stage_params import GdrParams
+
+OUT_OF_MEMORY = "device-out-of-memory"
+"""The warning in a result that the CPU computed as the device had no room for it."""
+
+log = logging.getLogger(__name__)
 
 
 class CudaBackend(NativeBackend):
     """Implements `Backend`: LDR and fusion are the CPU's, as `native` does them, GDR is the device's.
 
-    One call at a time reaches the device; others wait. A picture too long for a launch is left to the CPU.
+    One call at a time reaches the device; others wait. A picture too long for a launch is left to the CPU,
+    and so is one that the device has no memory for. After DeviceFault neither this nor its process is of use.
 
     Raises:
         BackendUnavailable: package, driver, device or compiler are missing; the message says which.
@@ -41,6 +44,7 @@ class CudaBackend(NativeBackend):
     def __init__(self, threads: int, reason: str, sources: Sources | None = None) -> None:
         super().__init__(threads, reason)
         sources = Sources.installed() if sources is None else sources
+        self._cpu = NativeBackend(threads, reason, self._engine)
         self._gpu = PyCudaDevice(sources)
         self.reason = f"{reason} ({self._gpu.label})"
         self.kernel = f"{sources.digest()[:12]}+{NativeBackend.kernel}"
@@ -55,17 +59,17 @@ class CudaBackend(NativeBackend):
         *,
         weight: Plane | None = None,
         guide: Guide = UNGUIDED,
+        tick: Tick | None = None,
     ) -> Plane:
         """See `Backend.solve`."""
-        if max(left.shape) > plan.LONGEST_SIDE:
-            return super().solve(left, right, u, params, weight=weight, guide=guide)
         inputs = Inputs(left, right, u, weight, (), *guide)
-        return self._solve(inputs, params.model_copy(update={"levels": 1}))
+        solved = self._solve(inputs, params.model_copy(update={"levels": 1}))
+        if isinstance(solved, Left):
+            return self._cpu.solve(left, right, u, params, weight=weight, guide=guide, tick=tick)
+        return solved.u
 
-    def globally(self, problem: Problem, params: GdrParams) -> Plane:
+    def globally(self, problem: Problem, params: GdrParams, tick: Tick | None = None) -> Solved:
         """See `Backend.globally`."""
-        if max(problem.size) > plan.LONGEST_SIDE:
-            return super().globally(problem, params)
         inputs = Inputs(
             problem.left,
             problem.right,
@@ -76,11 +80,40 @@ class CudaBackend(NativeBackend):
             None if problem.trust is None else problem.prior,
             problem.trust,
         )
-        return self._solve(inputs, params)
+        solved = self._solve(inputs, params)
+        if isinstance(solved, Left):
+            return self._cpu.globally(problem, params, tick)._replace(warnings=solved.warnings)
+        return solved
 
-    def _solve(self, inputs: Inputs, params: GdrParams) -> Plane:
+    def _solve(self, inputs: Inputs, params: GdrParams) -> Solved | Left:
+        if max(inputs.left.shape) > plan.LONGEST_SIDE:
+            return Left()
         with self._gpu.current():
-            return self._solver.solve(inputs, params)
+            kept = self._solver.keeps
+            solved = self._attempt(inputs, params)
+            # Other sizes may have had the room that was missing.
+            if solved is None and kept:
+                solved = self._attempt(inputs, params)
+        if solved is None:
+            log.warning("the device has no memory for %d x %d pixels", *inputs.left.shape[::-1])
+            return Left((OUT_OF_MEMORY,))
+        return solved
+
+    def _attempt(self, inputs: Inputs, params: GdrParams) -> Solved | None:
+        """None if the device has no memory for it, and then nothing is left there."""
+        try:
+            u, copies = self._solver.solve(inputs, params)
+            return Solved(u, self.name, copies, device=self._gpu.name)
+        except self._gpu.OutOfMemory:
+            pass  # while the error lives, its traceback keeps the buffers
+        self._solver.give_back()
+        return None
+
+
+class Left(NamedTuple):
+    """A solve is left to the CPU."""
+
+    warnings: tuple[str, ...] = ()
 
 
 class PyCudaDevice:
@@ -88,11 +121,13 @@ class PyCudaDevice:
 
     def __init__(self, sources: Sources) -> None:
         self._driver = driver = _import_driver()
+        self.OutOfMemory: type[Exception] = driver.MemoryError
         device = _first_device(driver)
         major, minor = device.compute_capability()
         speaks = driver.get_driver_version()
         compiled = compile_kernels(sources, 10 * major + minor, (speaks // 1000, speaks % 1000 // 10))
-        self.label = f"{device.name()}, compute {major}.{minor}, {compiled.by}"
+        self.name: str = device.name()
+        self.label = f"{self.name}, compute {major}.{minor}, {compiled.by}"
         self._lock = RLock()
         try:
             self._context = device.make_context()
@@ -108,17 +143,24 @@ class PyCudaDevice:
     def _load(self, ptx: bytes) -> None:
         self._module = self._driver.module_from_buffer(ptx)
         self._stream = self._driver.Stream()
+        self._events = {copy: (self._driver.Event(), self._driver.Event()) for copy in COPIES}
         self._kernels = {name: self._module.get_function(name) for name in ARGUMENTS}
         for name, kernel in self._kernels.items():
             kernel.prepare(ARGUMENTS[name])
 
     @contextmanager
     def current(self) -> Iterator[None]:
-        """Make the context that of this thread for a while; others wait."""
+        """Make the context that of this thread for a while; others wait.
+
+        After an exception nothing runs any more on the device (raises DeviceFault if it is lost).
+        """
         with self._lock:
             self._context.push()
             try:
                 yield
+            except Exception:
+                check_alive()
+                raise
             finally:
                 self._context.pop()
 
@@ -138,6 +180,19 @@ class PyCudaDevice:
     def download(self, array: npt.NDArray[np.float32], source: int) -> None:
         """See `Device.download`."""
         self._driver.memcpy_dtoh_async(array, source, self._stream)
+
+    @contextmanager
+    def timed(self, copy: str) -> Iterator[None]:
+        """See `Device.timed`."""
+        begin, end = self._events[copy]
+        begin.record(self._stream)
+        yield
+        end.record(self._stream)
+
+    def milliseconds(self, copy: str) -> float:
+        """See `Device.milliseconds`."""
+        begin, end = self._events[copy]
+        return float(begin.time_till(end))
 
     def launch(self, kernel: str, shape: plan.Shape, *arguments: float) -> None:
         """See `Device.launch`."""

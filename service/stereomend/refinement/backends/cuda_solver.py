@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from itertools import pairwise
 from typing import Any, NamedTuple, Protocol
 
@@ -15,11 +16,7 @@ import numpy.typing as npt
 
 from stereomend.refinement.backends import cuda_plan as plan
 from stereomend.refinement.backends.coarse_to_fine import level_sizes, schedule
-from stereomend.refinement.backends.data import (
-    Plane,
-    ReuseRule,
-    Size,
-)
+from stereomend.refinement.backends.data import COPIES, Plane, ReuseRule, Size
 from stereomend.refinement.stage_params import GdrParams
 
 Address = int
@@ -67,6 +64,14 @@ class Device(Protocol):
 
     def launch(self, kernel: str, shape: plan.Shape, *arguments: float) -> None:
         """Enqueue a kernel."""
+        ...
+
+    def timed(self, copy: str) -> AbstractContextManager[None]:
+        """Time what is enqueued meanwhile; `copy` is one of `COPIES`."""
+        ...
+
+    def milliseconds(self, copy: str) -> float:
+        """What `timed` timed last, once it is finished."""
         ...
 
     def finish(self) -> None:
@@ -216,8 +221,18 @@ class Solver:
         self._device = device
         self._buffers: OrderedDict[tuple[Any, ...], _Buffers] = OrderedDict()
 
-    def solve(self, inputs: Inputs, params: GdrParams) -> npt.NDArray[np.float32]:
-        """The map (H, W) px; everything is enqueued, then waited for once."""
+    @property
+    def keeps(self) -> bool:
+        """Whether buffers of earlier solves are on the device."""
+        return bool(self._buffers)
+
+    def give_back(self) -> None:
+        """Free all buffers once nothing uses them."""
+        self._device.finish()
+        self._buffers.clear()
+
+    def solve(self, inputs: Inputs, params: GdrParams) -> tuple[npt.NDArray[np.float32], dict[str, float]]:
+        """The map (H, W) px, and the milliseconds of `COPIES`; all is enqueued, then waited for once."""
         size = (inputs.left.shape[0], inputs.left.shape[1])
         buffers = self._reserve(inputs, level_sizes(size, params.levels))
         levels = buffers.levels
@@ -225,9 +240,10 @@ class Solver:
         for finer, coarser in pairwise(levels):
             self._halve(finer, coarser, params)
         u = self._climb(levels, inputs, params)
-        self._device.download(buffers.received, u)
+        with self._device.timed("d2h"):
+            self._device.download(buffers.received, u)
         self._device.finish()
-        return buffers.received.copy()
+        return buffers.received.copy(), {copy: self._device.milliseconds(copy) for copy in COPIES}
 
     def _climb(self, levels: list[_Level], inputs: Inputs, params: GdrParams) -> Address:
         run = _Run(self._device, params)
@@ -258,11 +274,13 @@ class Solver:
         finest = buffers.levels[0]
         for place, plane in zip(buffers.sent, inputs.whole, strict=True):
             np.copyto(place, plane)
-        self._device.upload(finest.stack, buffers.sent[: finest.layout.halved])
-        rest = iter(buffers.sent[finest.layout.halved :])
-        for name in ("edge", "prior", "trust"):
-            if getattr(inputs, name) is not None:
-                self._device.upload(finest.plane(name), next(rest))
+        guides = [name for name in ("edge", "prior", "trust") if getattr(inputs, name) is not None]
+        targets = [finest.plane(name) for name in guides]
+        whole = finest.layout.halved
+        with self._device.timed("h2d"):
+            self._device.upload(finest.stack, buffers.sent[:whole])
+            for target, plane in zip(targets, buffers.sent[whole:], strict=True):
+                self._device.upload(target, plane)
 
     def _halve(self, finer: _Level, coarser: _Level, params: GdrParams) -> None:
         shape = plan.per_pixel(coarser.size, layers=finer.layout.halved)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,6 +26,9 @@ SMALLEST = 0.5
 
 Size = tuple[int, int]
 """Height and width in pixels."""
+
+Tick = Callable[[], None]
+"""Called before each warp of a solve, in the caller's thread; what it raises ends the solve."""
 
 
 class Sparse(NamedTuple):
@@ -312,3 +317,22 @@ class Problem(NamedTuple):
     def size(self) -> Size:
         """Height and width in pixels."""
         return self.left.shape[0], self.left.shape[1]
+
+
+COPIES = ("h2d", "d2h")
+"""What is timed on a device besides the solve: the copies to it and back."""
+
+
+class Solved(NamedTuple):
+    """What GDR makes of a problem, and how."""
+
+    u: Plane
+    """(H, W) px."""
+    by: str
+    """The name of the backend that computed it: one may leave a problem to another."""
+    copies: Mapping[str, float] = MappingProxyType({})
+    """Milliseconds of each of `COPIES`, where a device computed it."""
+    warnings: tuple[str, ...] = ()
+    """For `quality.warnings`."""
+    device: str | None = None
+    """The name of the device that computed it; None: the CPU."""

@@ -35,8 +35,10 @@ from stereomend.refinement.backends.data import (
     ReuseRule,
     Rivals,
     Size,
+    Solved,
     Sparse,
     SpeckleRule,
+    Tick,
     Usable,
 )
 from stereomend.refinement.stage_params import GdrParams, LdrParams
@@ -48,8 +50,8 @@ class NativeBackend:
     name = "native"
     kernel = _native.KERNEL_HASH
 
-    def __init__(self, threads: int, reason: str) -> None:
-        self._engine = _native.Engine(threads)
+    def __init__(self, threads: int, reason: str, engine: _native.Engine | None = None) -> None:
+        self._engine = engine or _native.Engine(threads)
         self.reason = reason
 
     def plane(self, array: npt.NDArray[Any]) -> FloatMap:
@@ -110,6 +112,7 @@ class NativeBackend:
         *,
         weight: Plane | None = None,
         guide: Guide = UNGUIDED,
+        tick: Tick | None = None,
     ) -> Plane:
         """See `Backend.solve`."""
         constants = _native.SolverParams(
@@ -125,11 +128,11 @@ class NativeBackend:
         )
         planes = (self.plane(left), self.plane(right), self.plane(u))
         share, edge, prior, trust = (None if part is None else self.plane(part) for part in (weight, *guide))
-        return self._engine.solve(*planes, share, constants, edge, prior, trust)
+        return self._engine.solve(*planes, share, constants, edge, prior, trust, tick)
 
-    def globally(self, problem: Problem, params: GdrParams) -> Plane:
+    def globally(self, problem: Problem, params: GdrParams, tick: Tick | None = None) -> Solved:
         """See `Backend.globally`."""
-        return coarse_to_fine(problem, params, self)
+        return Solved(coarse_to_fine(problem, params, self, tick), self.name)
 
     def evidence(self, left: Plane, right: Plane, maps: Sequence[Plane]) -> list[Plane]:
         """See `Backend.evidence`."""
