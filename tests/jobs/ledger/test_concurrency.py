@@ -4,7 +4,7 @@ import subprocess
 import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import replace
 
 from stereomend.errors import JobFinished, QueueFull
@@ -55,13 +55,15 @@ def test_processes_that_claim_at_once_share_the_jobs_out(ledger, url, accepted):
     ids = [accepted().id for _ in range(60)]
     command = [sys.executable, "-c", CLAIM_ALL, url]
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
-    processes = [subprocess.Popen(command, **pipes) for _ in range(3)]
-    for process in processes:
-        assert process.stdout.readline() == "ready\n"
-    for process in processes:
-        process.stdin.write("\n")
-        process.stdin.flush()
-    said = [line for process in processes for line in process.communicate(timeout=60)[0].splitlines()]
+    with ExitStack() as stack:
+        processes = [stack.enter_context(subprocess.Popen(command, **pipes)) for _ in range(3)]
+        for process in processes:
+            stack.callback(process.kill)
+            assert process.stdout.readline() == "ready\n"
+        for process in processes:
+            process.stdin.write("\n")
+            process.stdin.flush()
+        said = [line for process in processes for line in process.communicate(timeout=60)[0].splitlines()]
     assert [process.returncode for process in processes] == [0, 0, 0]
     assert sorted(said) == sorted(f"{id} 1" for id in ids)
 
