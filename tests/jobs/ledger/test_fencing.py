@@ -36,8 +36,9 @@ def worker(url, tmp_path):
     process.communicate()
 
 
+@pytest.mark.parametrize("other", ["has finished", "still works"])
 def test_a_worker_stopped_past_its_lease_cannot_overwrite(
-    open_ledger, url, worker, tmp_path, new_job, plenty, eventually
+    open_ledger, url, worker, tmp_path, new_job, plenty, eventually, other
 ):
     blobs = BlobStore(tmp_path / "blobs")
     with open_ledger(url) as ledger:
@@ -48,7 +49,8 @@ def test_a_worker_stopped_past_its_lease_cannot_overwrite(
         claim = ledger.claim(600)
         name = result_blob(id, claim.attempt)
         blobs.put(name, [b"in time"])
-        assert ledger.finish(claim, Outcome(result_blob=name), 600)
+        if other == "has finished":
+            assert ledger.finish(claim, Outcome(result_blob=name), 600)
         before = ledger.get(id, None)
 
         worker.stdin.write("\n")
@@ -57,6 +59,9 @@ def test_a_worker_stopped_past_its_lease_cannot_overwrite(
         assert [worker.stdout.readline() for _ in range(2)] == ["False\n", "False\n"]
         assert worker.wait(20) == 0
         assert ledger.get(id, None) == before
-        assert (before.state, before.result_blob, before.attempt) == (JobState.SUCCEEDED, name, 2)
+        if other == "still works":
+            assert ledger.finish(claim, Outcome(result_blob=name), 600)
+        record = ledger.get(id, None)
+        assert (record.state, record.result_blob, record.attempt) == (JobState.SUCCEEDED, name, 2)
         assert blobs.get(name) == b"in time"
         assert result_blob(id, 1) not in ledger.known_blobs()

@@ -140,6 +140,12 @@ class LedgerMachine(RuleBasedStateMachine):
             job.crash(self.model.now)
         assert state == (job and job.state)
 
+    @rule(target=claims, claim=claims)
+    def hand_over(self, claim):
+        """Its worker is lost and another starts at once, which chance alone seldom does."""
+        self.crash(claim)
+        return self.claim(30)
+
     @rule(claim=claims, delay=SECONDS)
     def release(self, claim, delay):
         job = self.model.holder(claim)
