@@ -15,7 +15,7 @@ import pytest
 from stereomend.codec import render
 from stereomend.jobs.blobs import BlobStore
 from stereomend.jobs.ledger import Ledger
-from stereomend.jobs.records import JobState
+from stereomend.jobs.records import MOST_CRASHES, JobState
 from stereomend.jobs.task import Task, perform
 from stereomend.refinement import parse_params, select_backend
 
@@ -175,11 +175,19 @@ def test_jobs_survive_the_death_of_a_process_at_work_and_at_rest(start, check, k
 
 def test_jobs_survive_many_deaths(start, check, eventually):
     dice, jobs = random.Random(5), start()
+    ledger = Ledger.open(f"sqlite:///{jobs.folder / 'data' / 'ledger.sqlite'}")
+
+    def nobody_is_worn_out():
+        # Hit once more, a job in its last attempt would be taken for poison.
+        return all(record.attempt < MOST_CRASHES for record in ledger.page(None, JobState.RUNNING).records)
+
     for _ in range(12):
         for _ in range(dice.randrange(3)):
             jobs.submit(QUICK)
         time.sleep(0.5 * dice.random())
+        eventually(nobody_is_worn_out)
         jobs.kill(dice.choice(["worker", "worker", "api", "supervisor"]))
+    ledger.close()
     check(jobs)
 
 

@@ -1,8 +1,8 @@
 """`jobs_server.py FOLDER LISTENER LIFELINE`: durable jobs behind a socket, and a point at which it dies.
 
 Who connects and sends a line of parameters gets the id of a job: it is accepted. The files are FOLDER/*.npy.
-If there is a file FOLDER/doom, it holds the name of a point in the work; this process kills itself when it first
-gets there, and the next one does not.
+A file FOLDER/doom holds the name of a point in the work: this process kills itself when it first gets there,
+and the next one does not.
 """
 
 import asyncio
