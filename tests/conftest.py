@@ -73,7 +73,7 @@ def read(path):
 @contextmanager
 def run_server(folder, **settings):
     log = folder / "server.log"
-    chosen = {"port": 0, "backend": "reference"} | settings
+    chosen = {"port": 0, "backend": "reference", "data_dir": folder / "data"} | settings
     with log.open("w") as stream, server_process(load_settings(**chosen), stream) as server:
         yield Served(server.url, server.process, log)
 

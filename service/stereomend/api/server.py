@@ -6,6 +6,7 @@ import asyncio
 import os
 import signal
 import socket
+import ssl
 import subprocess
 import sys
 from collections.abc import Generator
@@ -17,6 +18,7 @@ from typing import IO, Any, NoReturn
 import uvicorn
 
 from stereomend.api.app import create_app, running
+from stereomend.api.tls import tls_context
 from stereomend.errors import ConfigurationError, NotReady
 from stereomend.jobs.logs import configure_logging
 from stereomend.jobs.memory import keep_freed_memory
@@ -32,14 +34,16 @@ def serve(settings: Settings) -> None:
     """Serve until SIGTERM or SIGINT; prints one line with the address when it is ready.
 
     Raises:
-        ConfigurationError: the address cannot be listened on, or no worker can start as told.
+        ConfigurationError: the address cannot be listened on or needs a key, the certificate cannot be used,
+            or no worker can start as told.
     """
     configure_logging(settings.log_format)
     keep_freed_memory()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, _end)
+    tls = tls_context(settings)
     with _listening(settings) as listener:
-        asyncio.run(_serve(settings, listener))
+        asyncio.run(_serve(settings, listener, tls))
 
 
 @dataclass(frozen=True)
@@ -88,7 +92,7 @@ class _Server(uvicorn.Server):
         await asyncio.gather(self._pool.stop(), super().shutdown(sockets))
 
 
-async def _serve(settings: Settings, listener: socket.socket) -> None:
+async def _serve(settings: Settings, listener: socket.socket, tls: ssl.SSLContext | None) -> None:
     app = create_app(settings)
     # The lifespan is run here and not by uvicorn, which would swallow a ConfigurationError.
     config = uvicorn.Config(
@@ -98,9 +102,10 @@ async def _serve(settings: Settings, listener: socket.socket) -> None:
         access_log=False,
         server_header=False,
         timeout_graceful_shutdown=round(_STOP_S),
+        ssl_context_factory=(lambda config, default: tls) if tls else None,
     )
     async with running(app):
-        print(f"{_ANNOUNCEMENT}{_url(listener)}", flush=True)
+        print(f"{_ANNOUNCEMENT}{_url(listener, 'https' if tls else 'http')}", flush=True)
         await _Server(config, app.state.service.pool).serve([listener])
 
 
@@ -124,16 +129,16 @@ def _listening(settings: Settings) -> socket.socket:
         ) from error
 
 
-def _url(listener: socket.socket) -> str:
+def _url(listener: socket.socket, scheme: str) -> str:
     host, port, *_ = listener.getsockname()
-    return f"http://[{host}]:{port}" if ":" in host else f"http://{host}:{port}"
+    return f"{scheme}://[{host}]:{port}" if ":" in host else f"{scheme}://{host}:{port}"
 
 
 def _as_environment(settings: Settings) -> dict[str, str]:
     values = settings.model_dump(exclude={"api_keys"}) | {
         "api_keys": ",".join(key.get_secret_value() for key in settings.api_keys)
     }
-    return {f"STEREOMEND_{name.upper()}": str(value) for name, value in values.items()}
+    return {f"STEREOMEND_{name.upper()}": str(value) for name, value in values.items() if value is not None}
 
 
 def _announced(process: subprocess.Popen[str]) -> str:

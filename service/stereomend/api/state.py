@@ -7,16 +7,18 @@ from typing import Annotated, cast
 
 from fastapi import Depends, Request
 
+from stereomend.jobs.meters import Meters
 from stereomend.jobs.pool import WorkerPool
 from stereomend.settings import Settings
 
 
 @dataclass(frozen=True)
 class Service:
-    """The settings of this server, and its workers."""
+    """The settings of this server, its workers, and what was counted."""
 
     settings: Settings
     pool: WorkerPool
+    meters: Meters
 
 
 async def _service(request: Request) -> Service:

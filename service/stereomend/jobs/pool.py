@@ -9,10 +9,11 @@ import asyncio
 import logging
 import math
 from collections import deque
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from time import perf_counter
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 from stereomend.errors import (
     ConfigurationError,
@@ -21,6 +22,7 @@ from stereomend.errors import (
     QueueFull,
     StereomendError,
 )
+from stereomend.jobs.listener import Listener
 from stereomend.jobs.process import WorkerProcess, crashed
 from stereomend.jobs.task import Answer, Task
 from stereomend.jobs.worker import Hello, WorkerPlan
@@ -45,11 +47,20 @@ class _Ticket:
     handed_out: int = 0
 
 
+class Depth(NamedTuple):
+    """How many tasks wait and run, and how long the oldest has waited [s]."""
+
+    waiting: int
+    running: int
+    oldest_s: float
+
+
 class WorkerPool:
     """Runs `settings.workers` workers from `start` to `stop`, both on the loop that submits."""
 
-    def __init__(self, settings: Settings) -> None:
+    def __init__(self, settings: Settings, listeners: Sequence[Listener] = ()) -> None:
         self._settings = settings
+        self._listeners = listeners
         self._plan = WorkerPlan.of(settings)
         self._up: list[WorkerProcess] = []
         self._idle: deque[WorkerProcess] = deque()
@@ -72,6 +83,12 @@ class WorkerPool:
     def workers_up(self) -> int:
         """The number of workers that are ready or at work."""
         return len(self._up)
+
+    @property
+    def depth(self) -> Depth:
+        """What waits and runs now."""
+        oldest_s = perf_counter() - self._waiting[0].queued_at if self._waiting else 0.0
+        return Depth(len(self._waiting), len(self._running), oldest_s)
 
     def hello(self) -> Hello:
         """What computes here, and why (raises NotReady while no worker is up)."""
@@ -186,6 +203,9 @@ class WorkerPool:
             self._idle.remove(worker)
         await asyncio.wait([worker.died, *(task for task, its in self._running.items() if its is worker)])
         await worker.dispose()
+        if not self._stopping:
+            for listener in self._listeners:
+                listener.worker_ended()
         level = logging.INFO if self._stopping else logging.WARNING
         log.log(level, "a worker ended with exit code %s", worker.exitcode)
 
@@ -218,6 +238,8 @@ class WorkerPool:
             alarm.cancel()
 
     def _done(self, worker: WorkerProcess, ticket: _Ticket, outcome: Answer | StereomendError) -> None:
+        for listener in self._listeners:
+            listener.answered(ticket.task, outcome)
         _settle(ticket.answer, outcome)
         if isinstance(outcome, Answer):
             self._pace_s += 0.2 * (perf_counter() - ticket.started_at - self._pace_s)

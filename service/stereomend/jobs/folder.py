@@ -1,0 +1,23 @@
+"""The data folder: what lies where."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from stereomend.errors import ConfigurationError
+from stereomend.jobs.ledger.database import Database
+
+LEDGER = "ledger.sqlite"
+
+
+def open_ledger(folder: Path) -> Database:
+    """Open the ledger of a data folder; both are made if they are not there.
+
+    Raises:
+        ConfigurationError: the folder cannot be made or the ledger not be used.
+    """
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigurationError(f"data_dir {folder} cannot be made: {error.strerror}") from error
+    return Database.open(f"sqlite:///{folder.absolute() / LEDGER}")
