@@ -9,6 +9,7 @@ import shutil
 import tempfile
 import time
 from collections.abc import Iterator
+from contextlib import closing
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -19,7 +20,7 @@ from stereomend.api.tls import tls_context
 from stereomend.errors import StereomendError
 from stereomend.jobs.folder import LEDGER, open_ledger
 from stereomend.jobs.keys import KeyStore
-from stereomend.jobs.ledger.database import Database
+from stereomend.jobs.ledger import Ledger
 from stereomend.refinement import BACKENDS, select_backend
 from stereomend.settings import Settings, load_settings
 
@@ -111,9 +112,9 @@ def open_files(settings: Settings) -> Finding:
     return Finding("open files", unlimited or most >= needed, detail)
 
 
-def ledger(database: Database) -> Finding:
+def pragmas(ledger: Ledger) -> Finding:
     """Whether the ledger's database keeps what it was told to keep."""
-    facts = database.facts()
+    facts = ledger.check()
     wrong = [name for name, wanted in _LEDGER_FACTS.items() if facts[name] != wanted]
     shown = ", ".join(f"{name} {facts[name]}" for name in _LEDGER_FACTS)
     return Finding("ledger", not wrong, f"{shown}{'; wrong: ' if wrong else ''}{', '.join(wrong)}")
@@ -126,7 +127,7 @@ def keys(settings: Settings, in_store: int) -> Finding:
         "API keys",
         bool(count) or not settings.reachable,
         f"{in_store} in the data folder, {len(settings.api_keys)} in the settings; "
-        f"{settings.host} {'needs one' if settings.reachable else 'needs none'}",
+        f"requests to {settings.host} need {'one' if count or settings.reachable else 'none'}",
     )
 
 
@@ -189,14 +190,8 @@ def _in_folder(settings: Settings) -> Iterator[Finding]:
         yield keys(settings, 0)
         return
     try:
-        database = open_ledger(settings.data_dir)
+        with closing(open_ledger(settings.data_dir)) as ledger:
+            yield pragmas(ledger)
+            yield keys(settings, len(KeyStore(ledger.engine).live()))
     except StereomendError as error:
         yield Finding("ledger", False, str(error))
-        return
-    try:
-        yield ledger(database)
-        yield keys(settings, len(KeyStore(database).live()))
-    except StereomendError as error:
-        yield Finding("ledger", False, str(error))
-    finally:
-        database.engine.dispose()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from contextlib import closing
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -39,11 +40,8 @@ def _keys(options: argparse.Namespace) -> int:
     from stereomend.jobs.keys import KeyStore
     from stereomend.settings import load_settings
 
-    database = open_ledger(load_settings(data_dir=options.data_dir).data_dir)
-    try:
-        options.run(KeyStore(database), options)
-    finally:
-        database.engine.dispose()
+    with closing(open_ledger(load_settings(data_dir=options.data_dir).data_dir)) as ledger:
+        options.run(KeyStore(ledger.engine), options)
     return 0
 
 

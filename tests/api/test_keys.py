@@ -21,9 +21,9 @@ def bearer(key):
 @pytest.fixture
 def store(tmp_path):
     """The store of the servers that `serving` starts."""
-    database = open_ledger(tmp_path / "data")
-    yield KeyStore(database)
-    database.engine.dispose()
+    ledger = open_ledger(tmp_path / "data")
+    yield KeyStore(ledger.engine)
+    ledger.close()
 
 
 def serve(*words):

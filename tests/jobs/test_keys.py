@@ -17,9 +17,9 @@ def folder(tmp_path):
 
 @pytest.fixture
 def store(folder):
-    database = open_ledger(folder)
-    yield KeyStore(database)
-    database.engine.dispose()
+    ledger = open_ledger(folder)
+    yield KeyStore(ledger.engine)
+    ledger.close()
 
 
 def test_a_key_is_256_random_bits_and_only_its_hash_is_kept(store, folder):
@@ -51,8 +51,8 @@ def test_a_revoked_key_is_listed_and_no_longer_live(store):
 def test_keys_outlive_the_process_that_made_them(store, folder):
     key, _ = store.add("theatre 3", ["submit"])
     again = open_ledger(folder)
-    assert list(KeyStore(again).all()) == [key]
-    again.engine.dispose()
+    assert list(KeyStore(again.engine).all()) == [key]
+    again.close()
 
 
 @pytest.mark.parametrize(

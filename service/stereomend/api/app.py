@@ -58,10 +58,10 @@ def create_app(settings: Settings, tracing: Tracing | None = None) -> FastAPI:
     )
     tracing, meters = tracing or _configured_tracing(), Meters()
     listeners: list[Listener] = [meters, tracing] if tracing else [meters]
-    database = open_ledger(settings.data_dir)
-    ring = KeyRing(settings, KeyStore(database))
-    app.state.service = Service(settings, WorkerPool(settings, listeners), meters)
-    app.state.ring, app.state.database, app.state.tracing = ring, database, tracing
+    ledger = open_ledger(settings.data_dir)
+    ring = KeyRing(settings, KeyStore(ledger.engine))
+    app.state.service = Service(settings, WorkerPool(settings, listeners), ledger, meters)
+    app.state.ring, app.state.tracing = ring, tracing
     for router in _GUARDED:
         app.include_router(router, dependencies=[_KEY])
     for router in _OPEN:
@@ -89,7 +89,7 @@ async def running(app: FastAPI) -> AsyncGenerator[None, None]:
         await service.pool.stop()
         if app.state.tracing:
             await asyncio.to_thread(app.state.tracing.stop)
-        app.state.database.engine.dispose()
+        service.ledger.close()
 
 
 def _wrap(app: FastAPI, ring: KeyRing, meters: Meters, tracing: Tracing | None) -> None:

@@ -5,12 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 from stereomend.errors import ConfigurationError
-from stereomend.jobs.ledger.database import Database
+from stereomend.jobs.ledger import Ledger
 
 LEDGER = "ledger.sqlite"
+BLOBS = ("inputs", "results")
 
 
-def open_ledger(folder: Path) -> Database:
+def open_ledger(folder: Path) -> Ledger:
     """Open the ledger of a data folder; both are made if they are not there.
 
     Raises:
@@ -20,4 +21,4 @@ def open_ledger(folder: Path) -> Database:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     except OSError as error:
         raise ConfigurationError(f"data_dir {folder} cannot be made: {error.strerror}") from error
-    return Database.open(f"sqlite:///{folder.absolute() / LEDGER}")
+    return Ledger.open(f"sqlite:///{folder.absolute() / LEDGER}")

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Any
 
-from sqlalchemy import Row, insert, select, update
+from sqlalchemy import Engine, Row, insert, select, update
 
 from stereomend.errors import InvalidParameter
 from stereomend.jobs.ledger.database import Database
@@ -45,8 +45,8 @@ class KeyStore:
     All methods raise NotReady while the database cannot be reached, and those that change it DiskFull.
     """
 
-    def __init__(self, database: Database) -> None:
-        self._database = database
+    def __init__(self, engine: Engine) -> None:
+        self._database = Database(engine)
 
     def add(self, name: str, scopes: Iterable[str]) -> tuple[Key, str]:
         """Make a key and give it with its secret, which is kept nowhere.

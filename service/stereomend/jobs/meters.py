@@ -28,7 +28,7 @@ class Figures:
     """How long the oldest of all that wait has waited [s]; 0 where nothing waits."""
     free_disk_bytes: int
     """On the disk of the data folder."""
-    blob_bytes: int = 0
+    blob_bytes: int
     """Of all inputs and results that are kept."""
 
 
