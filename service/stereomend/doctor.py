@@ -65,11 +65,11 @@ def examine() -> Iterator[Finding]:
 
 def clock() -> Finding:
     """Whether the time is later than this program was installed, and nobody sets the clock right now."""
-    installed = datetime.fromtimestamp(Path(__file__).stat().st_mtime, UTC)
+    installed = datetime.fromtimestamp(_installed_at(), UTC)
     before = _ahead_of_monotonic()
     time.sleep(_WATCHED_S)
     drift = _ahead_of_monotonic() - before
-    now = datetime.now(UTC)
+    now = datetime.fromtimestamp(time.time(), UTC)
     return Finding(
         "clock",
         now.year >= installed.year and abs(drift) < _MOST_DRIFT_S,
@@ -129,6 +129,10 @@ def keys(settings: Settings, in_store: int) -> Finding:
         f"{in_store} in the data folder, {len(settings.api_keys)} in the settings; "
         f"requests to {settings.host} need {'one' if count or settings.reachable else 'none'}",
     )
+
+
+def _installed_at() -> float:
+    return Path(__file__).stat().st_mtime
 
 
 def _ahead_of_monotonic() -> float:
