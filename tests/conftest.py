@@ -26,10 +26,16 @@ class Served:
 
     @property
     def pid(self):
+        """The supervisor."""
         return self.process.pid
 
+    @property
+    def api(self):
+        """The API process; None while it is replaced."""
+        return next((pid for pid in children(self.pid) if b"stereomend.api" in command(pid)), None)
+
     def workers(self):
-        return [pid for pid in children(self.pid) if b"spawn_main" in command(pid)]
+        return [pid for pid in children(self.api) if b"spawn_main" in command(pid)]
 
     def cpu(self):
         """Seconds that the workers have computed, their own start included."""
@@ -38,7 +44,7 @@ class Served:
 
     def memory(self, line):
         """`VmRSS` (now) or `VmHWM` (highest) of the server and its workers [MiB]."""
-        return sum(memory(pid, line) for pid in (self.pid, *self.workers()))
+        return sum(memory(pid, line) for pid in (self.pid, self.api, *self.workers()))
 
 
 def children(parent):

@@ -21,11 +21,11 @@ from stereomend.api.problems import add_handlers
 from stereomend.api.routes import docs, health, metrics, presets, refine
 from stereomend.api.security import Gate
 from stereomend.api.state import Service
-from stereomend.jobs.folder import open_ledger
 from stereomend.jobs.keys import KeyStore
 from stereomend.jobs.listener import Listener
 from stereomend.jobs.meters import Meters
 from stereomend.jobs.pool import WorkerPool
+from stereomend.jobs.service import JobService
 from stereomend.settings import Settings
 
 if TYPE_CHECKING:
@@ -40,12 +40,9 @@ _EXPORTED_TO = ("OTEL_EXPORTER_OTLP_ENDPOINT", "OTEL_EXPORTER_OTLP_TRACES_ENDPOI
 
 
 def create_app(settings: Settings, tracing: Tracing | None = None) -> FastAPI:
-    """Build the application on its data folder; its lifespan starts the workers and ends them.
+    """Build the application; its lifespan opens the data folder, starts the workers and ends them.
 
     Spans go to `tracing`; without one, to where OpenTelemetry's environment variables say.
-
-    Raises:
-        ConfigurationError: the data folder or the ledger in it cannot be used.
     """
     app = FastAPI(
         title="Stereomend",
@@ -58,9 +55,8 @@ def create_app(settings: Settings, tracing: Tracing | None = None) -> FastAPI:
     )
     tracing, meters = tracing or _configured_tracing(), Meters()
     listeners: list[Listener] = [meters, tracing] if tracing else [meters]
-    ledger = open_ledger(settings.data_dir)
-    ring = KeyRing(settings, KeyStore(ledger.engine))
-    app.state.service = Service(settings, WorkerPool(settings, listeners), ledger, meters)
+    pool, ring = WorkerPool(settings, listeners), KeyRing(settings)
+    app.state.service = Service(settings, pool, JobService(settings, pool), meters)
     app.state.ring, app.state.tracing = ring, tracing
     for router in _GUARDED:
         app.include_router(router, dependencies=[_KEY])
@@ -75,21 +71,21 @@ def create_app(settings: Settings, tracing: Tracing | None = None) -> FastAPI:
 
 @asynccontextmanager
 async def running(app: FastAPI) -> AsyncGenerator[None, None]:
-    """Keep the workers of an application running.
+    """Keep an application's jobs and workers running.
 
     Raises:
         ConfigurationError: they cannot start, or other machines may reach the server and it has no key.
     """
     service: Service = app.state.service
     try:
-        await app.state.ring.check()
+        await service.jobs.start()
+        await app.state.ring.open(KeyStore(service.jobs.ledger_store.ledger.engine))
         await service.pool.start()
         yield
     finally:
-        await service.pool.stop()
+        await service.jobs.stop()
         if app.state.tracing:
             await asyncio.to_thread(app.state.tracing.stop)
-        service.ledger.close()
 
 
 def _wrap(app: FastAPI, ring: KeyRing, meters: Meters, tracing: Tracing | None) -> None:

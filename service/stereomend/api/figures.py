@@ -21,7 +21,7 @@ async def figures_of(service: Service) -> Figures:
         OSError: the disk cannot be asked.
     """
     depth, folder = service.pool.depth, service.settings.data_dir
-    stats = await asyncio.to_thread(service.ledger.stats)
+    stats = await service.jobs.stats()
     return Figures(
         workers_up=service.pool.workers_up,
         queued={"refine": depth.waiting, "job": stats.counts[JobState.QUEUED]},

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from time import monotonic
 
-from stereomend.errors import ConfigurationError
+from stereomend.errors import ConfigurationError, NotReady
 from stereomend.jobs.keys import ADMIN, READ, SCOPES, SUBMIT, KeyStore, digest_of
 from stereomend.settings import Settings
 
@@ -33,21 +33,22 @@ LOCAL = Principal("local", frozenset((SUBMIT, READ)), b"")
 class KeyRing:
     """Finds whose key it is. A server that has needed keys once needs them until it ends."""
 
-    def __init__(self, settings: Settings, store: KeyStore) -> None:
+    def __init__(self, settings: Settings) -> None:
         self._settings = settings
-        self._store = store
+        self._store: KeyStore | None = None
         self._of_settings = [_from_settings(key.get_secret_value()) for key in settings.api_keys]
         self._of_store: Sequence[Principal] = ()
         self._needed = settings.reachable or bool(self._of_settings)
         self._read_at = -_FRESH_S
         self._reading = asyncio.Lock()
 
-    async def check(self) -> None:
-        """Refuse to serve other machines without a key.
+    async def open(self, store: KeyStore) -> None:
+        """Take the keys of a store too, and refuse to serve other machines without any key.
 
         Raises:
             ConfigurationError: the address is not loopback, and neither settings nor store have a live key.
         """
+        self._store = store
         await self._refresh()
         if self._settings.reachable and not (self._of_settings or self._of_store):
             raise ConfigurationError(
@@ -75,6 +76,8 @@ class KeyRing:
             began = monotonic()
             if began - self._read_at < _FRESH_S:
                 return
+            if self._store is None:
+                raise NotReady("the server is starting")
             keys = await asyncio.to_thread(self._store.live)
             self._of_store = [Principal(key.id, _with_implied(key.scopes), key.digest) for key in keys]
             self._needed = self._needed or bool(keys)

@@ -7,19 +7,19 @@ from typing import Annotated, cast
 
 from fastapi import Depends, Request
 
-from stereomend.jobs.ledger import Ledger
 from stereomend.jobs.meters import Meters
 from stereomend.jobs.pool import WorkerPool
+from stereomend.jobs.service import JobService
 from stereomend.settings import Settings
 
 
 @dataclass(frozen=True)
 class Service:
-    """The settings of this server, its workers, its ledger, and what was counted."""
+    """The settings of this server, its workers, its jobs, and what was counted."""
 
     settings: Settings
     pool: WorkerPool
-    ledger: Ledger
+    jobs: JobService
     meters: Meters
 
 

@@ -1,6 +1,6 @@
 """Every image and disparity format, in and out, with limits that hold before a pixel is decoded."""
 
-from stereomend.codec.images import decode_image, decode_mask
+from stereomend.codec.images import decode_image, decode_mask, image_size
 from stereomend.codec.maps import decode_disparity
 from stereomend.codec.preview import Span, colourise, preview_picture
 from stereomend.codec.results import (
@@ -14,12 +14,14 @@ from stereomend.codec.results import (
     holds_confidences,
     media_type_for,
 )
+from stereomend.codec.stored import STORED_TYPE, encode_stored, render
 
 __all__ = [
     "MEDIA_TYPES",
     "OUTPUTS",
     "PLY_TYPE",
     "PREVIEW_TYPE",
+    "STORED_TYPE",
     "Span",
     "check_calibrated",
     "colourise",
@@ -28,7 +30,10 @@ __all__ = [
     "decode_mask",
     "encode_map",
     "encode_result",
+    "encode_stored",
     "holds_confidences",
+    "image_size",
     "media_type_for",
     "preview_picture",
+    "render",
 ]
