@@ -113,7 +113,7 @@ def test_each_access_is_one_line_with_what_an_audit_asks_for(serving):
 
 
 def test_every_line_of_a_json_log_is_json(serving, occupy, eventually):
-    with serving(log_format="json", work_limit_s=2) as server:
+    with serving(log_format="json", work_limit_s=8) as server:
         reply = occupy(server)
         host, port = server.url.removeprefix("http://").split(":")
         with socket.create_connection((host, int(port)), timeout=10) as connection:

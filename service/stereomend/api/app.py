@@ -56,7 +56,7 @@ def create_app(settings: Settings, tracing: Tracing | None = None) -> FastAPI:
     tracing, meters = tracing or _configured_tracing(), Meters()
     listeners: list[Listener] = [meters, tracing] if tracing else [meters]
     pool, ring = WorkerPool(settings, listeners), KeyRing(settings)
-    app.state.service = Service(settings, pool, JobService(settings, pool), meters)
+    app.state.service = Service(settings, pool, JobService(settings, pool, listeners), meters)
     app.state.ring, app.state.tracing = ring, tracing
     for router in _GUARDED:
         app.include_router(router, dependencies=[_KEY])

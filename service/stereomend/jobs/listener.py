@@ -8,7 +8,7 @@ from stereomend.jobs.task import Answer, Task
 
 
 class Listener:
-    """Hears nothing; subclasses hear what they override. Called on the event loop, so they must be quick."""
+    """Hears nothing; subclasses hear what they override, and must be quick: others wait."""
 
     def answered(self, task: Task, outcome: Answer | StereomendError) -> None:
         """A worker answered a task, or a task ended its worker."""
@@ -17,4 +17,4 @@ class Listener:
         """A worker ended while the server ran; another takes its place."""
 
     def job_ended(self, state: JobState) -> None:
-        """A durable job reached a final state."""
+        """A durable job reached a final state; called in any thread."""
