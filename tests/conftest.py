@@ -120,6 +120,12 @@ def alive():
     return lambda pid: stat(pid)[0] not in ("gone", "Z")
 
 
+@pytest.fixture(name="children")
+def children_of():
+    """The children of a process, zombies included."""
+    return children
+
+
 @pytest.fixture(scope="session")
 def scene():
     """A small phantom and its broken disparity: `.left`, `.right`, `.disparity`."""

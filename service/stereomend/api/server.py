@@ -11,6 +11,8 @@ import sys
 from collections.abc import Generator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import IO, Any
 
 from stereomend.errors import ConfigurationError, NotReady
@@ -74,9 +76,14 @@ def server_process(settings: Settings, log: IO[Any] | None = None) -> Generator[
 
 @contextmanager
 def background_server(settings: Settings, log: IO[Any] | None = None) -> Generator[str, None, None]:
-    """Run a server as a child process and give its base URL (arguments and errors as `server_process`)."""
-    with server_process(settings, log) as server:
-        yield server.url
+    """Run a server as a child process and give its base URL (arguments and errors as `server_process`).
+
+    Its data folder is a temporary one: that of the settings may have a server of its own.
+    """
+    with TemporaryDirectory(prefix="stereomend-") as folder:
+        moved = settings.model_copy(update={"data_dir": Path(folder), "min_free_disk_mb": 0})
+        with server_process(moved, log) as server:
+            yield server.url
 
 
 def as_environment(settings: Settings) -> dict[str, str]:

@@ -61,10 +61,10 @@ class Attendant:
 
     def _attend(self) -> None:
         server = parent_process()
-        sources = [self._bell] if server is None else [self._bell, server.sentinel]
+        sentinel = [] if server is None else [server.sentinel]
         while True:
-            heard = wait(sources, BEAT_S)
-            if server is not None and server.sentinel in heard:
+            heard = wait([self._bell, *sentinel], BEAT_S)
+            if sentinel and sentinel[0] in heard:
                 break
             if self._bell in heard and not self._hear():
                 break

@@ -127,7 +127,7 @@ class WorkerPool:
     def enqueue(self, task: Task) -> Ticket:
         """Let a task wait for a worker; `Ticket.answer` raises as `submit` (raises as `check_room`)."""
         self.check_room(task.size)
-        ticket = Ticket(task, asyncio.get_running_loop().create_future())
+        ticket = _ticket(task)
         self._held.add(ticket)
         ticket.answer.add_done_callback(lambda _: self._held.discard(ticket))
         self._waiting.add(ticket)
@@ -136,7 +136,7 @@ class WorkerPool:
 
     def enqueue_job(self, task: Task) -> Ticket:
         """Let the task of a durable job wait, however many do; its room was found when it was accepted."""
-        ticket = Ticket(task, asyncio.get_running_loop().create_future(), durable=True)
+        ticket = _ticket(task, durable=True)
         if self._stopping:
             _settle(ticket.answer, self._not_ready())
             return ticket
@@ -337,6 +337,13 @@ class WorkerPool:
         )
         error.retry_after = math.ceil(self._pace_s * len(self._held) / settings.workers)
         return error
+
+
+def _ticket(task: Task, durable: bool = False) -> Ticket:
+    ticket = Ticket(task, asyncio.get_running_loop().create_future(), durable)
+    # Nobody may be left to hear that it failed, which asyncio would complain about.
+    ticket.answer.add_done_callback(lambda answer: answer.cancelled() or answer.exception())
+    return ticket
 
 
 def _timed(answer: Answer, ticket: Ticket) -> Answer:

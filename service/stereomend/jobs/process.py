@@ -38,7 +38,7 @@ class WorkerProcess:
         self._connection, self._bell = ends
         self._cause: Unavailable | None = None
         self.asked = 0
-        """How many tasks it was given; whoever calls `ask` counts first, so that the task can be called off."""
+        """How many tasks it was given; who calls `ask` counts first, so that the task can be called off."""
         self.answered = 0
         loop = asyncio.get_running_loop()
         self.died: asyncio.Future[None] = loop.create_future()

@@ -6,6 +6,7 @@ import asyncio
 import hashlib
 import logging
 from collections.abc import Callable
+from contextlib import suppress
 from time import monotonic
 from typing import TypeVar
 
@@ -54,6 +55,7 @@ class Runner:
         self._running: dict[str, Ticket] = {}
         self._attending: set[asyncio.Task[None]] = set()
         self._dispatching: asyncio.Task[None] | None = None
+        self._claiming: asyncio.Task[bool] | None = None
         self._stopping = False
 
     def start(self) -> None:
@@ -66,6 +68,8 @@ class Runner:
         if self._dispatching:
             self._dispatching.cancel()
             await asyncio.wait([self._dispatching])
+        if self._claiming:
+            await asyncio.wait([self._claiming])
         if self._attending:
             await asyncio.wait(self._attending)
 
@@ -97,14 +101,13 @@ class Runner:
                 await asyncio.sleep(_RETRY_S)
 
     async def _rung(self) -> None:
-        try:
+        with suppress(TimeoutError):
             await asyncio.wait_for(self._bell.wait(), POLL_S)
-        except TimeoutError:
-            pass
 
     async def _begin_one(self) -> bool:
         # Shielded, or a claim made while this is cancelled would be nobody's.
-        return await asyncio.shield(asyncio.ensure_future(self._claim()))
+        self._claiming = asyncio.create_task(self._claim())
+        return await asyncio.shield(self._claiming)
 
     async def _claim(self) -> bool:
         claim = await self._store.ask(self._store.ledger.claim, self._settings.lease_s)
@@ -141,7 +144,7 @@ class Runner:
             self.ring()
 
     async def _renew(self, claim: Claim, ticket: Ticket) -> None:
-        """Hold the lease while the pool answers for the work: it kills workers that are silent for as long."""
+        """Hold the lease while the pool answers for the work: it kills workers that are silent."""
         told, renewed_at = Progress("decode"), monotonic()
         while True:
             await asyncio.sleep(min(RENEW_S, self._settings.lease_s / 4))
@@ -175,11 +178,8 @@ class Runner:
         blob = result_blob(claim.id, claim.attempt)
         try:
             digest = await self._store.move(self._put, blob, answer.body)
-        except OSError as error:
-            log.error("the result of job %s cannot be written: %s", claim.id, error.strerror)
-            await self._release(claim, DISK_FULL_PAUSE_S)
-        except DiskFull as error:
-            log.warning("the result of job %s waits for room on the disk", claim.id, exc_info=error)
+        except (DiskFull, OSError) as error:
+            log.error("the result of job %s cannot be stored, so it runs again: %s", claim.id, error)
             await self._release(claim, DISK_FULL_PAUSE_S)
         else:
             await self._end(claim, _success(answer, blob, digest))

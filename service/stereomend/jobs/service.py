@@ -1,4 +1,4 @@
-"""Jobs as the routes see them: submitted, watched, cancelled, their results fetched; and all that keeps them going."""
+"""Jobs as the routes see them, and all that keeps them going."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import hashlib
 import logging
 import math
 from collections.abc import Awaitable, Callable, Coroutine, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from typing import Any, NamedTuple, TypeVar
@@ -166,7 +167,7 @@ class JobService:
                     if accepted is not None:
                         return accepted
                 return await self._rendered(await asyncio.shield(ticket.answer), submission, media_type)
-            except asyncio.CancelledError:
+            except BaseException:
                 if ticket.request:
                     self._pool.call_off(ticket)
                 raise
@@ -203,7 +204,12 @@ class JobService:
                 await _wait(rung, left)
 
     async def cancel(self, id: str, owner: str | None) -> JobRecord:
-        """Cancel what waits at once, what runs between two steps of the work (raises JobNotFound, JobFinished)."""
+        """Cancel what waits at once, and what runs between two steps of the work.
+
+        Raises:
+            JobNotFound: no such job.
+            JobFinished: it has ended otherwise.
+        """
         record = await self._store.ask(self._store.ledger.cancel, id, owner)
         self._runner.call_off(id)
         if record.state is JobState.CANCELLED and not record.keep_inputs:
@@ -237,7 +243,7 @@ class JobService:
         return await self._store.ask(self._store.ledger.stats)
 
     @property
-    def ledger_store(self) -> Store:
+    def store(self) -> Store:
         """The open data folder, for the store of keys and for the doctor (raises NotReady)."""
         return self._store
 
@@ -414,7 +420,5 @@ async def _every(seconds: float, chore: Callable[[], Awaitable[object]]) -> None
 
 
 async def _wait(event: asyncio.Event, seconds: float) -> None:
-    try:
+    with suppress(TimeoutError):
         await asyncio.wait_for(event.wait(), seconds)
-    except TimeoutError:
-        pass

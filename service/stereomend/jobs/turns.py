@@ -14,6 +14,8 @@ from stereomend.jobs.task import Answer, Task
 DURABLE_EVERY = 4
 """So often at least, a turn is a durable job's while one waits."""
 
+WAITS = Progress("queue")
+
 
 @dataclass(eq=False)
 class Ticket:
@@ -26,7 +28,7 @@ class Ticket:
     request: bool = True
     """Somebody waits for it: when they leave, it is called off."""
     on_progress: Callable[[], None] | None = None
-    progress: Progress = Progress("queue")
+    progress: Progress = WAITS
     queued_at: float = field(default_factory=perf_counter)
     started_at: float = 0.0
     heard_at: float = 0.0
