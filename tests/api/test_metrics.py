@@ -4,6 +4,8 @@ import json
 import os
 import shutil
 import signal
+from contextlib import closing
+from dataclasses import replace
 from datetime import UTC, datetime
 
 import httpx
@@ -11,11 +13,15 @@ import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
 from stereomend.errors import DeviceFault, WorkerCrashed
+from stereomend.jobs.blobs import BlobStore, pack
 from stereomend.jobs.folder import open_ledger
 from stereomend.jobs.meters import Figures, Meters
-from stereomend.jobs.records import NewJob, Room
+from stereomend.jobs.records import NewJob, Room, inputs_blob
+from stereomend.jobs.task import Files
+from stereomend.refinement import parse_params
 
 QUICK = {"gdr": {"warps": 1, "levels": 1}}
+ENDLESS = {"gdr": {"warps": 1000, "iterations": 1000, "levels": 1}, "processing_scale": 1.0}
 PLENTY = Room(most_jobs=9, most_bytes=1 << 30, most_jobs_of_owner=9, free_disk_bytes=1 << 30)
 
 
@@ -104,22 +110,54 @@ def test_each_worker_that_dies_is_a_restart(serving, post, eventually):
         assert scrape(server)["workers_up",] == 1
 
 
-def test_jobs_in_the_ledger_and_bytes_on_the_disk_are_told(serving, tmp_path):
-    job = NewJob("0" * 32, "local", "paper", {}, {}, bytes_held=1, bytes_reserved=1)
+@pytest.fixture
+def accepted(tmp_path, scene):
+    """Accept a job in the data folder of the server to come: `accepted(left=b"", preset="paper", ...)`."""
+
+    def accept(number, left=None, params=QUICK, **changes):
+        id = f"{number:032x}"
+        chunks = pack(Files(left or scene.files["left"], scene.files["right"], scene.files["disparity"]))
+        params = parse_params(params).model_dump(mode="json")
+        job = NewJob(id, "local", "robust", params, {}, sum(map(len, chunks)), 1 << 20)
+        with closing(open_ledger(tmp_path / "data")) as ledger:
+            BlobStore(tmp_path / "data").put(inputs_blob(id), chunks)
+            ledger.accept(replace(job, **changes), PLENTY)
+        return id
+
+    return accept
+
+
+def test_durable_jobs_are_counted_by_how_they_ended(serving, accepted, tmp_path, eventually):
+    for number in range(3):
+        accepted(number)
+    accepted(3, left=b"no image")
+    late = datetime(2020, 1, 1, tzinfo=UTC)
+    accepted(4, deadline=late)
+    cancelled = accepted(5)
+    with closing(open_ledger(tmp_path / "data")) as ledger:
+        ledger.cancel(cancelled, "local")
+    with serving(result_ttl_s=3600) as server:
+        eventually(lambda: scrape(server)["job_outcomes_total", "succeeded"] == 3)
+        eventually(lambda: scrape(server)["job_outcomes_total", "failed"] == 2)
+        found = scrape(server)
+    assert found["job_outcomes_total", "cancelled"] == 0  # not this server's doing
+    assert found["stage_seconds_count", "gdr"] == 3
+    assert found["queue_depth", "job"] == found["running", "job"] == 0
+
+
+def test_jobs_that_wait_and_run_are_told_apart_from_requests(serving, accepted, eventually, tmp_path):
+    for number in range(3):
+        accepted(number, params=ENDLESS)
     with serving() as server:
-        # Its deadline is over, so no worker takes it.
-        late = NewJob(**vars(job) | {"deadline": datetime(2020, 1, 1, tzinfo=UTC)})
-        ledger = open_ledger(tmp_path / "data")
-        ledger.accept(late, PLENTY)
-        ledger.close()
-        before = scrape(server)
-        (tmp_path / "data" / "results").mkdir(exist_ok=True)
-        (tmp_path / "data" / "results" / f"{'1' * 32}.1").write_bytes(bytes(12345))
-        after = scrape(server)
-    assert before["queue_depth", "job"] == 1
-    assert after["blob_bytes",] - before["blob_bytes",] == 12345
-    free = shutil.disk_usage(tmp_path).free
-    assert after["free_disk_bytes",] == pytest.approx(free, abs=1 << 30)
+        eventually(lambda: scrape(server)["running", "job"] >= 1)
+        found = scrape(server)
+        blobs = [*(tmp_path / "data" / "inputs").iterdir(), *(tmp_path / "data" / "results").iterdir()]
+        assert found["running", "job"] + found["queue_depth", "job"] == 3
+        assert found["running", "refine"] == found["queue_depth", "refine"] == 0
+        assert found["oldest_queued_seconds",] > 0
+        assert found["blob_bytes",] == sum(blob.stat().st_size for blob in blobs) > 0
+        free = shutil.disk_usage(tmp_path).free
+        assert found["free_disk_bytes",] == pytest.approx(free, abs=1 << 30)
 
 
 def test_the_faults_of_a_gpu_are_counted_apart_from_other_crashes():

@@ -4,7 +4,8 @@ import os
 import subprocess
 import sys
 import threading
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
+from dataclasses import replace
 from http.server import BaseHTTPRequestHandler, HTTPServer
 
 import httpx
@@ -16,6 +17,11 @@ from opentelemetry.trace import SpanKind, StatusCode
 
 from stereomend.api.app import create_app
 from stereomend.api.tracing import Tracing
+from stereomend.jobs.blobs import BlobStore, pack
+from stereomend.jobs.folder import open_ledger
+from stereomend.jobs.records import NewJob, Room, inputs_blob
+from stereomend.jobs.task import Files
+from stereomend.refinement import parse_params
 from stereomend.settings import load_settings
 
 QUICK = {"gdr": {"warps": 1, "levels": 1}}
@@ -77,6 +83,24 @@ def test_a_request_is_a_span_of_its_callers_trace_and_holds_the_stages(tracing, 
         assert request.start_time <= stage.start_time <= stage.end_time <= request.end_time
     order = sorted(stages, key=lambda name: stages[name].start_time)
     assert order == [name for name in told if name in stages]
+
+
+def test_the_stages_of_a_durable_job_belong_to_the_trace_that_sent_it(tracing, tmp_path, scene, eventually):
+    files = Files(scene.files["left"], scene.files["right"], None)
+    params = parse_params(QUICK).model_dump(mode="json")
+    job = NewJob("0" * 32, "local", "robust", params, {}, files.size, 1 << 20)
+    room = Room(most_jobs=9, most_bytes=1 << 30, most_jobs_of_owner=9, free_disk_bytes=1 << 30)
+    with closing(open_ledger(tmp_path / "data")) as ledger:
+        BlobStore(tmp_path / "data").put(inputs_blob(job.id), pack(files))
+        ledger.accept(replace(job, traceparent=f"00-{TRACE}-{PARENT}-01"), room)
+        with tracing() as (_, spans):
+            eventually(lambda: ledger.get(job.id, None).state.final)
+        timings = ledger.get(job.id, None).timings_ms
+    assert {span.name for span in spans} == {name for name in timings if timings[name] > 0} - {"total"}
+    for span in spans:
+        assert f"{span.context.trace_id:032x}" == TRACE
+        assert f"{span.parent.span_id:016x}" == PARENT
+        assert (span.end_time - span.start_time) / 1e6 == pytest.approx(timings[span.name], abs=1e-3)
 
 
 def test_what_the_caller_does_not_sample_is_not_exported(tracing):
@@ -141,7 +165,12 @@ def test_a_server_exports_to_the_collector_that_its_environment_names(serving, p
 def test_without_a_collector_nothing_of_it_is_loaded(tmp_path):
     program = (
         "import sys; from stereomend.api.app import create_app; "
-        "from stereomend.settings import load_settings; "
+        "from stereomend.jobs.blobs import BlobStore, pack
+from stereomend.jobs.folder import open_ledger
+from stereomend.jobs.records import NewJob, Room, inputs_blob
+from stereomend.jobs.task import Files
+from stereomend.refinement import parse_params
+from stereomend.settings import load_settings; "
         "create_app(load_settings(data_dir=sys.argv[1])); "
         "print([name for name in sys.modules if name.startswith('opentelemetry.sdk')])"
     )

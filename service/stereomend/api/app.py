@@ -79,7 +79,7 @@ async def running(app: FastAPI) -> AsyncGenerator[None, None]:
     service: Service = app.state.service
     try:
         await service.jobs.start()
-        await app.state.ring.open(KeyStore(service.jobs.ledger_store.ledger.engine))
+        await app.state.ring.open(KeyStore(service.jobs.store.ledger.engine))
         await service.pool.start()
         yield
     finally:

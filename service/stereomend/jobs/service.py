@@ -63,6 +63,8 @@ class Submission:
     owner: str
     """The id of a key; `local` where there are none."""
     request_id: str = "-"
+    traceparent: str | None = None
+    """As `Task.traceparent`."""
     priority: int = 0
     deadline_s: float | None = None
     """Seconds from now after which it need not be begun any more."""
@@ -153,7 +155,7 @@ class JobService:
             QueueFull, NotReady, WorkerCrashed, WorkLimitExceeded, InputError: as `WorkerPool.submit`.
             All that `submit` raises: when it becomes a job.
         """
-        task = task_of(submission.files, submission.params, submission.request_id)
+        task = task_of(submission.files, submission.params, submission)
         if wait_s is None:
             return await self._pool.submit(replace(task, media_type=media_type))
         if wait_s <= 0:
@@ -390,6 +392,7 @@ def _new_job(submission: Submission, max_pixels: int) -> tuple[NewJob, list[byte
         keep_inputs=submission.keep_inputs,
         idempotency_key=submission.idempotency_key,
         request_id=submission.request_id,
+        traceparent=submission.traceparent,
     )
     return job, chunks
 
