@@ -165,12 +165,7 @@ def test_a_server_exports_to_the_collector_that_its_environment_names(serving, p
 def test_without_a_collector_nothing_of_it_is_loaded(tmp_path):
     program = (
         "import sys; from stereomend.api.app import create_app; "
-        "from stereomend.jobs.blobs import BlobStore, pack
-from stereomend.jobs.folder import open_ledger
-from stereomend.jobs.records import NewJob, Room, inputs_blob
-from stereomend.jobs.task import Files
-from stereomend.refinement import parse_params
-from stereomend.settings import load_settings; "
+        "from stereomend.settings import load_settings; "
         "create_app(load_settings(data_dir=sys.argv[1])); "
         "print([name for name in sys.modules if name.startswith('opentelemetry.sdk')])"
     )
