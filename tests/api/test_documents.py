@@ -39,7 +39,7 @@ def test_every_reference_in_openapi_leads_somewhere(openapi):
 
 def test_openapi_names_every_route_and_answer(openapi):
     assert openapi["openapi"].startswith("3.0")
-    assert openapi["paths"].keys() == {"/v1/refine", "/v1/presets", "/livez", "/readyz"}
+    assert openapi["paths"].keys() == {"/v1/refine", "/v1/presets", "/livez", "/readyz", "/metrics"}
     for path in openapi["paths"].values():
         for operation in path.values():
             assert operation["summary"]

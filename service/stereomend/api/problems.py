@@ -68,6 +68,7 @@ class Problem(Response):
             "detail": str(error)[:_LONGEST_DETAIL],
             "request_id": scope["state"]["request_id"],
         }
+        scope["state"]["problem"] = error.slug
         # Escaped, since a detail may quote half a surrogate pair that a client sent.
         body = json.dumps(document).encode()
         super().__init__(body, status, _headers(error, status, scope))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import math
-from collections.abc import Awaitable, Callable, Coroutine
+from collections.abc import Awaitable, Callable, Coroutine, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any, NamedTuple, TypeVar
@@ -25,6 +25,7 @@ from stereomend.errors import (
 )
 from stereomend.jobs.changes import Changes
 from stereomend.jobs.ledger import Accepted, Page, Stats
+from stereomend.jobs.listener import Listener
 from stereomend.jobs.pool import GRACE_S, WorkerPool
 from stereomend.jobs.records import JobRecord, JobState, NewJob, inputs_blob
 from stereomend.jobs.runner import Runner, task_of
@@ -58,8 +59,9 @@ class JobService:
     Whoever asks with an owner is told of no other's jobs; None sees all.
     """
 
-    def __init__(self, settings: Settings, pool: WorkerPool) -> None:
+    def __init__(self, settings: Settings, pool: WorkerPool, listeners: Sequence[Listener] = ()) -> None:
         self._settings = settings
+        self._listeners = listeners
         self._pool = pool
         self._changes = Changes()
         self._in_flight: set[tuple[str, str]] = set()
@@ -74,7 +76,7 @@ class JobService:
         Raises:
             ConfigurationError: the data folder cannot be used.
         """
-        store = await asyncio.to_thread(Store, self._settings)
+        store = await asyncio.to_thread(Store, self._settings, self._job_ended)
         runner = Runner(store, self._pool, self._settings, self._changes)
         self._opened = store, runner
         if found := await store.ask(store.ledger.recover):
@@ -127,7 +129,7 @@ class JobService:
             QueueFull, NotReady, WorkerCrashed, WorkLimitExceeded, InputError: as `WorkerPool.submit`.
             All that `submit` raises: when it becomes a job.
         """
-        task = task_of(submission.files, submission.params, submission.request_id)
+        task = task_of(submission.files, submission.params, submission)
         if wait_s is None:
             return await self._pool.submit(replace(task, media_type=media_type))
         if wait_s <= 0:
@@ -309,6 +311,10 @@ class JobService:
         outputs = submission.params.outputs
         body = await asyncio.to_thread(render, answer.body, media_type, outputs)
         return replace(answer, body=body, media_type=media_type)
+
+    def _job_ended(self, state: JobState) -> None:
+        for listener in self._listeners:
+            listener.job_ended(state)
 
     async def _reap(self) -> None:
         reaped = await self._store.ask(self._store.ledger.reap)

@@ -30,6 +30,8 @@ class Submission:
     owner: str
     """The id of a key; `local` where there are none."""
     request_id: str = "-"
+    traceparent: str | None = None
+    """As `Task.traceparent`."""
     priority: int = 0
     deadline_s: float | None = None
     """Seconds from now after which it need not be begun any more."""
@@ -63,6 +65,7 @@ def new_job(submission: Submission, max_pixels: int) -> tuple[NewJob, list[bytes
         keep_inputs=submission.keep_inputs,
         idempotency_key=submission.idempotency_key,
         request_id=submission.request_id,
+        traceparent=submission.traceparent,
     )
     return job, chunks
 

@@ -44,16 +44,22 @@ async def refine(request: Request, service: ServiceOfRequest) -> Response:
     check_headers(request, most)
     service.pool.check_room()
     parts = await read_parts(request, most)
-    task = _task(parts, media_type, request.state.request_id)
+    task = _task(parts, media_type, request)
     return _response(await unless_gone(request, service.pool.submit(task)))
 
 
-def _task(parts: Mapping[str, bytes], media_type: str, request_id: str) -> Task:
+def _task(parts: Mapping[str, bytes], media_type: str, request: Request) -> Task:
     params = parse_params(read_params(parts.get("params", b"{}")))
     check_calibrated(media_type, params.calibrated)
     files = {name: parts.get(name) for name in ("disparity", "mask")}
     return Task(
-        parts["left"], parts["right"], **files, params=params, media_type=media_type, request_id=request_id
+        parts["left"],
+        parts["right"],
+        **files,
+        params=params,
+        media_type=media_type,
+        request_id=request.state.request_id,
+        traceparent=getattr(request.state, "traceparent", None),
     )
 
 

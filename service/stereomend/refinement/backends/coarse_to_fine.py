@@ -11,18 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from stereomend.refinement.backends.base import Backend
-<<<<<<< HEAD
 from stereomend.refinement.backends.data import Guide, Plane, Problem, ReuseRule, Size, Tick
-=======
-from stereomend.refinement.backends.data import (
-    Guide,
-    Plane,
-    Problem,
-    ReuseRule,
-    Size,
-    Tick,
-)
->>>>>>> wt-runtime
 from stereomend.refinement.stage_params import GdrParams
 
 SMALLEST_SIDE = 8

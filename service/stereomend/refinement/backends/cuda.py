@@ -19,17 +19,7 @@ from stereomend.refinement.backends import cuda_plan as plan
 from stereomend.refinement.backends.cuda_compile import Sources, compile_kernels
 from stereomend.refinement.backends.cuda_faults import check_alive
 from stereomend.refinement.backends.cuda_solver import ARGUMENTS, Inputs, Solver
-<<<<<<< HEAD
 from stereomend.refinement.backends.data import COPIES, UNGUIDED, Guide, Plane, Problem, Solved, Tick
-=======
-from stereomend.refinement.backends.data import (
-    UNGUIDED,
-    Guide,
-    Plane,
-    Problem,
-    Tick,
-)
->>>>>>> wt-runtime
 from stereomend.refinement.backends.native import NativeBackend
 from stereomend.refinement.stage_params import GdrParams
 
