@@ -18,7 +18,7 @@ from stereomend.api.envelope import Envelope
 from stereomend.api.keyring import KeyRing
 from stereomend.api.openapi import describe
 from stereomend.api.problems import add_handlers
-from stereomend.api.routes import docs, health, metrics, presets, refine
+from stereomend.api.routes import docs, health, jobs, metrics, presets, refine
 from stereomend.api.security import Gate
 from stereomend.api.state import Service
 from stereomend.jobs.keys import KeyStore
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 _KEY = Depends(HTTPBearer(auto_error=False, description="API key; not needed where the server has none"))
-_GUARDED = (refine.router, presets.router, metrics.router)
+_GUARDED = (refine.router, jobs.router, presets.router, metrics.router)
 _OPEN = (health.router, docs.router)
 _EXPORTED_TO = ("OTEL_EXPORTER_OTLP_ENDPOINT", "OTEL_EXPORTER_OTLP_TRACES_ENDPOINT")
 
