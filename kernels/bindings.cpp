@@ -8,6 +8,7 @@
 #include <nanobind/stl/vector.h>
 
 #include <algorithm>
+#include <exception>
 #include <optional>
 
 #include "bindings.hpp"
@@ -99,15 +100,28 @@ public:
 
     Output<float> solve(const Plane& left, const Plane& right, const Plane& u, const std::optional<Plane>& weight,
                         const SolverParams& params, const std::optional<Plane>& edge, const std::optional<Plane>& prior,
-                        const std::optional<Plane>& trust) {
+                        const std::optional<Plane>& trust, const std::optional<nb::callable>& tick) {
         check_same_shape(left, right, u, weight ? *weight : u, edge ? *edge : u, prior ? *prior : u, trust ? *trust : u);
         Level level = level_of(left, right, weight ? weight->data() : nullptr);
         level.edge = edge ? edge->data() : nullptr;
         level.prior = prior ? prior->data() : nullptr;
         level.trust = trust ? trust->data() : nullptr;
         Output<float> out = copy_of<float>(u);
-        nb::gil_scoped_release unlocked;
-        engine_.solve(level, params, out.data());
+        std::exception_ptr raised;
+        const auto go_on = [&] {
+            nb::gil_scoped_acquire locked;
+            try {
+                (*tick)();
+            } catch (...) {
+                raised = std::current_exception();
+            }
+            return !raised;
+        };
+        {
+            nb::gil_scoped_release unlocked;
+            engine_.solve(level, params, out.data(), tick ? stereomend::GoOn(go_on) : nullptr);
+        }
+        if (raised) std::rethrow_exception(raised);
         return out;
     }
 
@@ -340,7 +354,8 @@ NB_MODULE(_native, m) {
         .def("solve", &PyEngine::solve, "left"_a.noconvert(), "right"_a.noconvert(), "u"_a.noconvert(),
              "weight"_a.noconvert().none(), "params"_a, "edge"_a.noconvert().none() = nb::none(),
              "prior"_a.noconvert().none() = nb::none(), "trust"_a.noconvert().none() = nb::none(),
-             "All warps of one level; returns the new u.")
+             "tick"_a.none() = nb::none(),
+             "All warps of one level; returns the new u. Calls tick() before each; what it raises ends the solve.")
         .def("evidence", &PyEngine::evidence, "left"_a.noconvert(), "right"_a.noconvert(), "maps"_a.noconvert(),
              "n of each map.")
         .def("better", &PyEngine::better, "left"_a.noconvert(), "right"_a.noconvert(), "u"_a.noconvert(),

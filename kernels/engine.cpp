@@ -138,7 +138,7 @@ void Engine::prepare(const Level& level, float* u) {
     std::fill(state_.p_x, state_.p_x + 2 * pixels, 0.0f);
 }
 
-void Engine::solve(const Level& unpadded, const SolverParams& params, float* u) {
+void Engine::solve(const Level& unpadded, const SolverParams& params, float* u, const GoOn& go_on) {
     const std::lock_guard<std::mutex> lock(mutex_);
     const Level level = padded(unpadded);
     prepare(level, u);
@@ -148,12 +148,14 @@ void Engine::solve(const Level& unpadded, const SolverParams& params, float* u) 
     const Window window = window_of(params.averaging);
     const bool guided = level.prior || params.observed_only || params.averaging > 0.0f;
     if (progress_.size() < static_cast<size_t>(laps.count)) progress_ = std::vector<Progress>(laps.count);
+    bool stopped = false;  // written by the caller's member before a meeting, read by all after it
     const auto body = [&](int member) {
         if (member >= crew) return;
         float* own = scratch_.data() + scratch_floats(level.width) * member;
         const Rows rows = band(level.height, member, crew);
         if (level.edge) sweeps_.prepare_edges(level, state_, params, rows);
         for (int warp = 0; warp < params.warps; ++warp) {
+            if (member == 0 && go_on && !go_on()) stopped = true;
             for (int lap = member; lap < laps.count; lap += crew)
                 progress_[lap].rows.store(0, std::memory_order_relaxed);
             if (guided) {
@@ -164,6 +166,7 @@ void Engine::solve(const Level& unpadded, const SolverParams& params, float* u) 
                 sweeps_.linearise(level, state_, params, rows, own);
             }
             if (crew > 1) team_.meet();
+            if (stopped) return;
             if (crew == 1 || pixels >= kFollow) wave(level, params, laps, member);
             else sweep(level, params, member);
             if (crew > 1) team_.meet();

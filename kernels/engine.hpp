@@ -3,6 +3,7 @@
 
 #include <atomic>
 #include <cstdint>
+#include <functional>
 #include <mutex>
 #include <string>
 #include <vector>
@@ -39,6 +40,10 @@ struct Mismatch {
     long count;
 };
 
+// Asked before each warp of a solve, in the thread that called it: false ends the solve there, with u as far as it came.
+// Must not throw, nor call the engine.
+using GoOn = std::function<bool()>;
+
 // One call at a time; calls from several threads wait for each other. Results are bitwise equal for any number of
 // threads. Buffers grow to the largest image seen: nothing is allocated inside a solve.
 class Engine {
@@ -48,7 +53,7 @@ public:
 
     // All warps of one level: refines u (height, width) [in/out, px of the level]. The dual variable starts at 0.
     // The level's right image comes without padding, here and below.
-    void solve(const Level& level, const SolverParams& params, float* u);
+    void solve(const Level& level, const SolverParams& params, float* u, const GoOn& go_on = nullptr);
 
     // For each reading of the left image (height, width): how far the signed descriptors of both images are from each
     // other, over the pixels that are valid and that the right image shows.

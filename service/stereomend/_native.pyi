@@ -1,4 +1,4 @@
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -78,6 +78,7 @@ class Engine:
         edge: _Plane | None = None,
         prior: _Plane | None = None,
         trust: _Plane | None = None,
+        tick: Callable[[], None] | None = None,
     ) -> _Plane: ...
     def evidence(self, left: _Plane, right: _Plane, maps: Sequence[_Plane]) -> list[_Plane]: ...
     def better(

@@ -43,6 +43,27 @@ bool check(const Scene& scene, const std::string& instruction_set, const SolverP
     return true;
 }
 
+// Whether a solve that is asked before each warp finds the same, and one that is ended early leaves the engine sound.
+bool check_stops(const Scene& scene) {
+    for (const int threads : {1, 2, 5}) {
+        Engine engine(threads, "");
+        std::vector<float> whole = scene.u, watched = scene.u, cut = scene.u, again = scene.u;
+        engine.solve(scene.level(), kPaper, whole.data());
+        int asked = 0;
+        engine.solve(scene.level(), kPaper, watched.data(), [&] { return ++asked > 0; });
+        for (const SolverParams& params : {kPaper, kRobust}) {
+            int left = 2;
+            engine.solve(scene.level(), params, cut.data(), [&] { return left-- > 0; });
+        }
+        engine.solve(scene.level(), kPaper, again.data());
+        if (asked == kPaper.warps && watched == whole && again == whole) continue;
+        std::printf("%d x %d, %d threads: a watched or ended solve differs\n", scene.size.width, scene.size.height,
+                    threads);
+        return false;
+    }
+    return true;
+}
+
 // The largest relative error of fast_exp2, and of fast_log2 the error, relative where the logarithm is over 1.
 bool check_exponentials() {
     double worst_exp = 0.0;
@@ -67,6 +88,8 @@ int main(int count, char** arguments) {
                             {2000, 3}, {3, 2000}, {61, 47}, {64, 48}, {129, 4}, {131, 79}};
     for (const auto& size : sizes) scenes.push_back(noisy_scene(size[0], size[1], 7));
     for (int i = 1; i < count; ++i) scenes.push_back(read_scene(arguments[i]));
+    for (const Scene& scene : scenes)
+        if (!check_stops(scene)) return 1;
     int checked = 0;
     for (const Scene& scene : scenes)
         for (const std::string& name : stereomend::instruction_sets())

@@ -1,4 +1,4 @@
-"""What OpenAPI cannot infer: the multipart body, binary answers and problem documents."""
+"""What OpenAPI cannot infer: the multipart body, headers, binary answers, problem documents and examples."""
 
 from __future__ import annotations
 
@@ -9,7 +9,10 @@ from typing import Any
 
 from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
+from pydantic import BaseModel
 
+from stereomend.api import examples
+from stereomend.api.openapi30 import as_openapi_30
 from stereomend.api.problems import MEDIA_TYPE
 from stereomend.api.schemas import ProblemDocument
 from stereomend.jobs.task import TIMINGS
@@ -17,51 +20,110 @@ from stereomend.jobs.task import TIMINGS
 _VERSION = "3.0.3"  # the newest that the bundled Swagger UI draws
 _TEXT = {"type": "string"}
 _FILE = {"type": "string", "format": "binary"}
-_REQUEST_ID = {"description": "names the request in the server's log; a given one is echoed", "schema": _TEXT}
-_RETRY_AFTER = {"description": "seconds after which to try again", "schema": {"type": "integer"}}
-_EXAMPLE = {"preset": "paper", "stages": ["ldr", "gdr"], "gdr": {"warps": 10}}
+_SECONDS = {"type": "integer", "minimum": 0}
 
 Responses = dict[int | str, dict[str, Any]]
 
-REFINE_BODY = {
-    "requestBody": {
-        "required": True,
-        "content": {
-            "multipart/form-data": {
-                "schema": {
-                    "type": "object",
-                    "required": ["left", "right"],
-                    "properties": {
-                        "left": _FILE | {"description": "left image: PNG, JPEG, TIFF, BMP, PNM or NPY"},
-                        "right": _FILE | {"description": "right image, rectified with the left, of its size"},
-                        "disparity": _FILE
-                        | {"description": "the map to mend [px], of their size: 16-bit PNG, NPY, PFM, TIFF"},
-                        "mask": _FILE
-                        | {"description": "one channel, of their size: 0 is not part of the scene"},
-                        "params": _TEXT
-                        | {"description": "JSON object; see `/v1/presets`", "example": json.dumps(_EXAMPLE)},
+
+def _header(description: str, schema: dict[str, Any] = _TEXT) -> dict[str, Any]:
+    return {"description": description, "schema": schema}
+
+
+def _parameter(name: str, description: str, **schema: Any) -> dict[str, Any]:
+    return {"name": name, "in": "header", "description": description, "schema": _TEXT | schema}
+
+
+_HEADERS = {
+    "X-Request-ID": _header("names the request in the server's log; a given one is echoed"),
+    "ETag": _header("send it as `If-None-Match` to get 304 while nothing has changed"),
+    "Location": _header("path of the job"),
+    "Preference-Applied": _header("the preferences that were honoured"),
+    "Idempotency-Replayed": _header("`true` where the job is that of an earlier request"),
+    "Retry-After": _header("seconds after which to try again", _SECONDS),
+    "Stereomend-Meta": _header(
+        "JSON: version, kernel hash, preset, backend, levels and quality; not with application/zip"
+    ),
+    "Server-Timing": _header(f"milliseconds of {', '.join(TIMINGS)}"),
+}
+
+OF_ACCEPTED = ("Location", "ETag", "Idempotency-Replayed")
+"""The headers of an answer that accepts a job."""
+
+PREFER_JOB = _parameter(
+    "Prefer",
+    "`wait=N`: the result within N seconds, else the refinement goes on as a job; "
+    "`respond-async`: a job at once",
+    example="wait=10",
+)
+PREFER_WAIT = _parameter(
+    "Prefer", "`wait=N`: answer when the job has changed, after N seconds at most", example="wait=30"
+)
+IDEMPOTENCY_KEY = _parameter(
+    "Idempotency-Key",
+    "of the client's choice; the same request with the same key is the same job",
+    example="frame-17",
+    minLength=1,
+    maxLength=255,
+)
+IF_NONE_MATCH = _parameter("If-None-Match", "the `ETag` of what the client has", example='"4"')
+LAST_EVENT_ID = _parameter("Last-Event-ID", "`id` of the last event that the client has seen", example="4")
+
+_BODY: dict[str, Any] = {
+    "required": True,
+    "content": {
+        "multipart/form-data": {
+            "schema": {
+                "type": "object",
+                "required": ["left", "right"],
+                "properties": {
+                    "left": _FILE | {"description": "left image: PNG, JPEG, TIFF, BMP, PNM or NPY"},
+                    "right": _FILE | {"description": "right image, rectified with the left, of its size"},
+                    "disparity": _FILE
+                    | {"description": "the map to mend [px], of their size: 16-bit PNG, NPY, PFM, TIFF"},
+                    "mask": _FILE | {"description": "one channel, of their size: 0 is not part of the scene"},
+                    "params": _TEXT
+                    | {
+                        "description": "JSON object; see `/v1/presets`",
+                        "example": json.dumps(examples.PARAMS),
                     },
-                }
+                },
             }
-        },
-    }
+        }
+    },
 }
 
 
-def refined(media_types: Sequence[str]) -> Responses:
-    """Describe the answer 200 of a refinement."""
-    meta = "JSON: version, kernel hash, preset, backend, levels and quality; not with application/zip"
-    timing = f"milliseconds of {', '.join(TIMINGS)}"
-    answer = {
-        "description": "The refined disparity map.",
-        "content": {media_type: {"schema": _FILE} for media_type in media_types},
-        "headers": {
-            "X-Request-ID": _REQUEST_ID,
-            "Stereomend-Meta": {"description": meta, "schema": _TEXT},
-            "Server-Timing": {"description": timing, "schema": _TEXT},
-        },
+def takes(*parameters: dict[str, Any], body: bool = False) -> dict[str, Any]:
+    """Describe the headers that a route reads, and the multipart body of a refinement if it does."""
+    return {"parameters": list(parameters)} | ({"requestBody": _BODY} if body else {})
+
+
+def refined(media_types: Sequence[str], *headers: str) -> Responses:
+    """Describe the answer 200 that is a result, with these headers besides those of every result."""
+    names = ("Server-Timing", "Stereomend-Meta", *headers)
+    content = {media_type: {"schema": _FILE} for media_type in media_types}
+    return {200: _answer("The refined disparity map.", content, names)}
+
+
+def document(status: int, model: type[BaseModel], example: object, *headers: str) -> Responses:
+    """Describe an answer that is a JSON document."""
+    content = {"application/json": {"example": example}}
+    description = (model.__doc__ or "").partition("\n")[0]
+    return {status: _answer(description, content, headers) | {"model": model}}
+
+
+def event_stream() -> Responses:
+    """Describe the answer 200 that is a stream of events, and 204."""
+    content = {"text/event-stream": {"schema": _TEXT, "example": examples.EVENTS}}
+    return {
+        200: _answer("Events; `data` of each is the job.", content, ()),
+        204: _answer("The job has ended and the client has seen it; do not come again.", None, ()),
     }
-    return {200: answer}
+
+
+def bare(status: int, description: str, *headers: str) -> Responses:
+    """Describe an answer without a body."""
+    return {status: _answer(description, None, headers)}
 
 
 def problems(*statuses: int) -> Responses:
@@ -88,15 +150,18 @@ def _document(app: FastAPI) -> dict[str, Any]:
         openapi_version=_VERSION,
         routes=app.routes,
     )
-    schema = ProblemDocument.model_json_schema()
-    schema["properties"]["type"]["example"] = schema["properties"]["type"].pop("examples")[0]
-    document["components"]["schemas"]["Problem"] = schema
-    return document
+    document["components"]["schemas"]["ProblemDocument"] = ProblemDocument.model_json_schema()
+    rewritten: dict[str, Any] = as_openapi_30(document)
+    return rewritten
 
 
 def _problem(status: HTTPStatus) -> dict[str, Any]:
-    headers = {"X-Request-ID": _REQUEST_ID}
-    if status in (HTTPStatus.TOO_MANY_REQUESTS, HTTPStatus.SERVICE_UNAVAILABLE):
-        headers["Retry-After"] = _RETRY_AFTER
-    content = {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}}
-    return {"description": status.phrase, "headers": headers, "content": content}
+    again = status in (HTTPStatus.TOO_MANY_REQUESTS, HTTPStatus.SERVICE_UNAVAILABLE, HTTPStatus.CONFLICT)
+    schema = {"$ref": "#/components/schemas/ProblemDocument"}
+    content = {MEDIA_TYPE: {"schema": schema, "example": examples.PROBLEMS[status]}}
+    return _answer(status.phrase, content, ("Retry-After",) if again else ())
+
+
+def _answer(description: str, content: dict[str, Any] | None, headers: Sequence[str]) -> dict[str, Any]:
+    named = {name: _HEADERS[name] for name in ("X-Request-ID", *headers)}
+    return {"description": description, "headers": named} | ({"content": content} if content else {})

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from http import HTTPStatus
-from typing import cast
+from typing import Any, cast
 
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
@@ -61,16 +61,21 @@ class Problem(Response):
 
     def __init__(self, error: StereomendError, scope: Scope, status: int | None = None) -> None:
         status = status or status_of(type(error))
-        document = {
-            "type": f"/problems/{error.slug}",
-            "title": error.title,
-            "status": status,
-            "detail": str(error)[:_LONGEST_DETAIL],
-            "request_id": scope["state"]["request_id"],
-        }
+        document = problem_document(error, scope["state"]["request_id"]) | {"status": status}
         # Escaped, since a detail may quote half a surrogate pair that a client sent.
         body = json.dumps(document).encode()
         super().__init__(body, status, _headers(error, status, scope))
+
+
+def problem_document(error: StereomendError, request_id: str) -> dict[str, Any]:
+    """An error as the members of a problem document."""
+    return {
+        "type": f"/problems/{error.slug}",
+        "title": error.title,
+        "status": status_of(type(error)),
+        "detail": str(error)[:_LONGEST_DETAIL],
+        "request_id": request_id,
+    }
 
 
 def status_of(error: type[StereomendError]) -> int:

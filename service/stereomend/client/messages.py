@@ -21,6 +21,9 @@ from stereomend.errors import InternalError, InvalidParameter, NotReady, Stereom
 File: TypeAlias = npt.NDArray[Any] | str | Path | bytes
 """An array, the path of a file, or the bytes of one."""
 
+Request: TypeAlias = dict[str, Any]
+"""Arguments of the `request` and `stream` of httpx."""
+
 ZIP = "application/zip"
 PRESETS = "/v1/presets"
 ALIVE = "/livez"
@@ -58,8 +61,8 @@ class Connection:
         }
 
 
-def refinement(inputs: Inputs, accept: str = ZIP) -> dict[str, Any]:
-    """Arguments of `request` that ask for a refinement (raises OSError if a file cannot be read)."""
+def refinement(inputs: Inputs, accept: str = ZIP) -> Request:
+    """Ask for a refinement (raises OSError if a file cannot be read)."""
     files = {"left": _encoded(inputs.left), "right": _encoded(inputs.right)}
     if inputs.disparity is not None:
         files["disparity"] = _encoded(_as_disparity(inputs.disparity))
@@ -71,8 +74,8 @@ def refinement(inputs: Inputs, accept: str = ZIP) -> dict[str, Any]:
     return {"method": "POST", "url": "/v1/refine", "files": parts, "headers": {"Accept": accept}}
 
 
-def document(url: str) -> dict[str, Any]:
-    """Arguments of `request` that ask for a JSON document."""
+def document(url: str) -> Request:
+    """Ask for a JSON document."""
     return {"method": "GET", "url": url, "headers": {"Accept": "application/json"}}
 
 
@@ -94,10 +97,22 @@ def reaching(base_url: httpx.URL) -> Iterator[None]:
 
 
 def accepted(response: httpx.Response) -> httpx.Response:
-    """The response itself (raises the error that it tells of)."""
-    if not response.is_success:
+    """The response itself, once its body is read (raises the error that it tells of)."""
+    if not (response.is_success or response.status_code == httpx.codes.NOT_MODIFIED):
         raise _error(response)
     return response
+
+
+def is_stream(response: httpx.Response) -> bool:
+    """Whether events come, so that the body has no end yet."""
+    kind = response.headers.get("Content-Type", "").partition(";")[0]
+    return response.status_code == httpx.codes.OK and kind == "text/event-stream"
+
+
+def check_empty(response: httpx.Response) -> None:
+    """Accept, where events were asked for, that there are no more (raises the error that it tells of)."""
+    if accepted(response).status_code != httpx.codes.NO_CONTENT:
+        raise InternalError("the server's answer is no stream of events")
 
 
 def read_result(response: httpx.Response) -> RefinementResult:

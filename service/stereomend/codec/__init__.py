@@ -14,12 +14,14 @@ from stereomend.codec.results import (
     holds_confidences,
     media_type_for,
 )
+from stereomend.codec.stored import STORED_TYPE, encode_stored, render
 
 __all__ = [
     "MEDIA_TYPES",
     "OUTPUTS",
     "PLY_TYPE",
     "PREVIEW_TYPE",
+    "STORED_TYPE",
     "Span",
     "check_calibrated",
     "colourise",
@@ -28,7 +30,9 @@ __all__ = [
     "decode_mask",
     "encode_map",
     "encode_result",
+    "encode_stored",
     "holds_confidences",
     "media_type_for",
     "preview_picture",
+    "render",
 ]

@@ -41,11 +41,16 @@ def write_ply(result: RefinementResult, left: Image | None) -> bytes:
     return _header(len(vertices)) + vertices.tobytes()
 
 
+def rgb8(image: Image) -> npt.NDArray[np.uint8]:
+    """8-bit RGB, (H, W, 3), of an image, uint8 or uint16, (H, W) or (H, W, 1 or 3)."""
+    samples = image if image.ndim == 3 else image[..., None]
+    levels = samples if samples.dtype == np.uint8 else np.rint(samples / 257).astype(np.uint8)
+    return np.broadcast_to(levels, (*levels.shape[:2], 3))
+
+
 def _colours(left: Image, known: npt.NDArray[np.bool_]) -> npt.NDArray[np.uint8]:
     """8-bit RGB of the chosen pixels, (N, 3)."""
-    colours = (left if left.ndim == 3 else left[..., None])[known]
-    levels = colours if left.dtype == np.uint8 else np.rint(colours / 257).astype(np.uint8)
-    return np.broadcast_to(levels, (len(levels), 3))
+    return rgb8((left if left.ndim == 3 else left[..., None])[None, known])[0]
 
 
 def _header(count: int) -> bytes:

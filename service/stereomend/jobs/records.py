@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
@@ -36,6 +37,21 @@ class Progress(NamedTuple):
     done: int = 0
     total: int = 0
     """Steps of the phase; 0: unknown."""
+
+
+def is_job_id(text: str) -> bool:
+    """Whether a text can be the id of a job."""
+    return re.fullmatch(r"[0-9a-f]{32}", text) is not None
+
+
+def inputs_blob(id: str) -> str:
+    """Name the blob that holds a job's files."""
+    return f"inputs/{id}"
+
+
+def result_blob(id: str, attempt: int) -> str:
+    """Name the blob that the `attempt`-th worker of a job writes: a late one never meets another's."""
+    return f"results/{id}.{attempt}"
 
 
 @dataclass(frozen=True)

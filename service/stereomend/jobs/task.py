@@ -10,16 +10,18 @@ from time import perf_counter
 from typing import Any, NamedTuple, TypeVar
 
 from stereomend.codec import (
+    STORED_TYPE,
     decode_disparity,
     decode_image,
     decode_mask,
     encode_map,
     encode_result,
+    encode_stored,
     holds_confidences,
 )
 from stereomend.disparity import DisparityMap, Image, RefinementResult, StereoPair, check_same_size
 from stereomend.jobs.helpers import Helpers
-from stereomend.refinement import Backend, Mended, RefineParams, describe, mend
+from stereomend.refinement import Backend, Mended, RefineParams, Watch, describe, mend, unwatched
 
 T = TypeVar("T")
 
@@ -69,21 +71,23 @@ class Refined(NamedTuple):
     left: Image
 
 
-def perform(task: Task, backend: Backend, max_pixels: int) -> Answer:
+def perform(task: Task, backend: Backend, max_pixels: int, watch: Watch = unwatched) -> Answer:
     """Decode, refine and encode; a map that is all of the answer is written while it is described.
 
     Raises:
-        InputError: as `refine_files`.
+        InputError: as `refine_files`, and what `watch` raises.
         InvalidParameter: a point cloud without a calibration.
         DisparityOutOfRange: the result does not fit the media type.
     """
     began = perf_counter()
-    mended, left = _mended(task, task.params, backend, max_pixels)
+    watch("decode", 0, 0)
+    mended, left = _mended(task, task.params, (backend, max_pixels), watch)
+    watch("encode", 0, 0)
     whole = holds_confidences(task.media_type)
     early = None if whole else _helpers().start(encode_map, mended.disparity, task.media_type)
     result = _described(mended, task.params, backend, began, whole)
     described = perf_counter()
-    body = early.result() if early else encode_result(result, task.media_type, task.params.outputs, left)
+    body = early.result() if early else _whole(result, task, left)
     ended = perf_counter()
     timings = result.timings | {"encode": 1e3 * (ended - described), "total": 1e3 * (ended - began)}
     return Answer(body, task.media_type, result.meta, timings)
@@ -98,15 +102,23 @@ def refine_files(files: Files, params: RefineParams, backend: Backend, max_pixel
         InvalidParameter, NoValidDisparity: the parameters do not fit the files.
     """
     began = perf_counter()
-    mended, left = _mended(files, params, backend, max_pixels)
+    mended, left = _mended(files, params, (backend, max_pixels))
     return Refined(_described(mended, params, backend, began), left)
 
 
-def _mended(files: Files, params: RefineParams, backend: Backend, max_pixels: int) -> tuple[Mended, Image]:
-    began = perf_counter()
+def _whole(result: RefinementResult, task: Task, left: Image) -> bytes:
+    if task.media_type == STORED_TYPE:
+        return encode_stored(result, left, task.params.outputs)
+    return encode_result(result, task.media_type, task.params.outputs, left)
+
+
+def _mended(
+    files: Files, params: RefineParams, means: tuple[Backend, int], watch: Watch = unwatched
+) -> tuple[Mended, Image]:
+    (backend, max_pixels), began = means, perf_counter()
     pair, upload = _decode(files, params.disparity_scale, max_pixels)
     decode = 1e3 * (perf_counter() - began)
-    mended = mend(pair, upload, params, backend)
+    mended = mend(pair, upload, params, backend, watch)
     return mended._replace(timings=mended.timings | {"decode": decode}), pair.left
 
 

@@ -4,6 +4,7 @@ from stereomend.refinement.backends import BACKENDS, Backend, select_backend
 from stereomend.refinement.params import DEFAULT_PRESET, PRESETS, RefineParams, parse_params
 from stereomend.refinement.pipeline import mend, refine, run
 from stereomend.refinement.report import Mended, describe
+from stereomend.refinement.watch import Watch, unwatched
 
 __all__ = [
     "BACKENDS",
@@ -12,10 +13,12 @@ __all__ = [
     "Backend",
     "Mended",
     "RefineParams",
+    "Watch",
     "describe",
     "mend",
     "parse_params",
     "refine",
     "run",
     "select_backend",
+    "unwatched",
 ]

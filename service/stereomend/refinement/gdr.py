@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from stereomend.refinement.backends import Backend, Plane, Problem
+from stereomend.refinement.backends import Backend, Plane, Problem, Tick
 from stereomend.refinement.evidence import edge_weights
 from stereomend.refinement.ldr import Local
 from stereomend.refinement.scene import Scene
@@ -35,7 +35,9 @@ def with_edges(scene: Scene, params: GdrParams, backend: Backend) -> Scene:
     return scene._replace(edge=edge_weights(scene.channels, params, backend))
 
 
-def refine_globally(scene: Scene, prior: Prior, params: GdrParams, backend: Backend) -> Plane:
+def refine_globally(
+    scene: Scene, prior: Prior, params: GdrParams, backend: Backend, tick: Tick | None = None
+) -> Plane:
     """Minimise `lambda sum_k (D_k(x - u, right) - D_k(x, left))^2 + w |grad u|_eps + k |u - prior|`, px.
 
     The prior starts the coarsest level; each finer level starts from the enlarged result of the one before.
@@ -43,4 +45,4 @@ def refine_globally(scene: Scene, prior: Prior, params: GdrParams, backend: Back
     Eq. 9 to 14 of Yang, Simon, Linte, 2023; w, k and what else `params` may ask for: R3 to R6.
     """
     problem = Problem(scene.left, scene.right, scene.channels, prior.u, prior.trust, scene.edge, scene.weight)
-    return backend.globally(problem, params)
+    return backend.globally(problem, params, tick)

@@ -19,6 +19,7 @@ from stereomend.disparity import (
     check_same_size,
 )
 from stereomend.refinement.backends import Backend, Plane, Size, select_backend
+from stereomend.refinement.backends.coarse_to_fine import warps_of
 from stereomend.refinement.fusion import Fused, Readings, fuse
 from stereomend.refinement.gdr import prior_of, refine_globally, with_edges
 from stereomend.refinement.initial import choose_initial, match_semiglobally, uploaded
@@ -34,6 +35,7 @@ from stereomend.refinement.pyramid import (
 )
 from stereomend.refinement.report import Mended, Start, Trace, describe, finish
 from stereomend.refinement.scene import Scene, make_scene
+from stereomend.refinement.watch import Steps, Watch, unwatched
 
 STAGES = ("initial", "ldr", "gdr")
 
@@ -86,21 +88,27 @@ def run(
     return describe(mend(pair, upload, params, backend), params, backend, confidences)
 
 
-def mend(pair: StereoPair, upload: DisparityMap | None, params: RefineParams, backend: Backend) -> Mended:
-    """The map alone, which can be written while it is described; arguments and errors as `run`."""
+def mend(
+    pair: StereoPair,
+    upload: DisparityMap | None,
+    params: RefineParams,
+    backend: Backend,
+    watch: Watch = unwatched,
+) -> Mended:
+    """The map alone, which can be written while it is described; arguments and errors as `run`, and `watch`'s."""
     if upload is not None:
         check_same_size("disparity", upload.shape, "left", pair.shape)
     kind = choose_initial(params, upload)
     timings = dict.fromkeys(STAGES, 0.0)
     scene = make_scene(pair, working_size(pair.shape, params.processing_scale), params.ldr, backend)
-    with _timed(timings, "initial", kind == "sgbm"):
+    with _stage("initial", kind == "sgbm", timings, watch):
         begun = Begun(scene, start_from(kind, upload, scene, pair, backend))
-    with _timed(timings, "ldr", "ldr" in params.stages and kind != "zero"):
+    with _stage("ldr", "ldr" in params.stages and kind != "zero", timings, watch):
         trusted = locally(begun, params, backend)
     refined, fused = trusted.local.u, None
-    with _timed(timings, "gdr", "gdr" in params.stages):
+    with _stage("gdr", "gdr" in params.stages, timings, watch):
         if "gdr" in params.stages:
-            refined, fused = globally(begun, trusted, params, backend)
+            refined, fused = globally(begun, trusted, params, backend, watch)
     trace = Trace(pair, *begun, *trusted, refined, fused)
     return finish(trace, params, backend, timings)
 
@@ -130,14 +138,15 @@ def locally(begun: Begun, params: RefineParams, backend: Backend) -> Trusted:
 
 
 def globally(
-    begun: Begun, trusted: Trusted, params: RefineParams, backend: Backend
+    begun: Begun, trusted: Trusted, params: RefineParams, backend: Backend, watch: Watch = unwatched
 ) -> tuple[Plane, Fused | None]:
     """GDR's map, (H, W) px, and the choice between it and the upload where the parameters ask for one."""
     prior, scene = (
         prior_of(trusted.local, trusted.confidence, params.gdr),
         with_edges(begun.scene, params.gdr, backend),
     )
-    refined = refine_globally(scene, prior, params.gdr, backend)
+    steps = Steps(watch, "gdr", warps_of(scene.size, params.gdr))
+    refined = refine_globally(scene, prior, params.gdr, backend, steps)
     if not params.fusion.enabled or begun.start.kind == "zero":
         return refined, None
     upload = sample_disparity(begun.start.full, scene.size)
@@ -167,8 +176,10 @@ def _nothing(size: Size, backend: Backend) -> Sparse:
 
 
 @contextmanager
-def _timed(timings: dict[str, float], stage: str, runs: bool) -> Iterator[None]:
+def _stage(name: str, runs: bool, timings: dict[str, float], watch: Watch) -> Iterator[None]:
+    if runs:
+        watch(name, 0, 0)
     began = time.perf_counter()
     yield
     if runs:
-        timings[stage] = (time.perf_counter() - began) * 1e3
+        timings[name] = (time.perf_counter() - began) * 1e3

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from fastapi import APIRouter
 
+from stereomend.api.job_options import params_schema
 from stereomend.api.openapi import problems
 from stereomend.api.schemas import PresetDescription, PresetsAnswer
-from stereomend.refinement import DEFAULT_PRESET, PRESETS, RefineParams
+from stereomend.refinement import DEFAULT_PRESET, PRESETS
 
 router = APIRouter(tags=["refine"])
 
@@ -21,6 +22,4 @@ async def presets() -> PresetsAnswer:
         )
         for name, preset in PRESETS.items()
     }
-    return PresetsAnswer(
-        default=DEFAULT_PRESET, presets=described, parameters=RefineParams.model_json_schema()
-    )
+    return PresetsAnswer(default=DEFAULT_PRESET, presets=described, parameters=params_schema())

@@ -2,74 +2,49 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping
-from typing import Any
-
 from fastapi import APIRouter, Request
 from starlette.responses import Response
 
+from stereomend.api import examples, openapi
+from stereomend.api.job_documents import OFFERED, JobDocument
+from stereomend.api.job_responses import accepted_response
 from stereomend.api.negotiation import choose
-from stereomend.api.openapi import REFINE_BODY, problems, refined
+from stereomend.api.openapi import problems
+from stereomend.api.owners import Owner
+from stereomend.api.preferences import Preferences
+from stereomend.api.results import result_response
 from stereomend.api.state import ServiceOfRequest
-from stereomend.api.uploads import check_headers, read_params, read_parts
+from stereomend.api.stored_results import stored_result
+from stereomend.api.submissions import read_submission
 from stereomend.api.waiting import unless_gone
-from stereomend.codec import MEDIA_TYPES, PREVIEW_TYPE, check_calibrated
-from stereomend.jobs.task import TIMINGS, Answer, Task
-from stereomend.refinement import parse_params
+from stereomend.codec import check_calibrated
+from stereomend.jobs.task import Answer
 
 router = APIRouter(tags=["refine"])
-
-OFFERED = tuple(dict.fromkeys(("image/png", *MEDIA_TYPES.values(), PREVIEW_TYPE)))
-"""The media types of a result; the first is the default."""
-
-_ZIP = "application/zip"
-_LONGEST_META = 4096
 
 
 @router.post(
     "/v1/refine",
     summary="Mend a disparity map",
     response_class=Response,
-    responses=refined(OFFERED) | problems(400, 401, 403, 406, 413, 415, 422, 429, 500, 503),
-    openapi_extra=REFINE_BODY,
+    responses=openapi.refined(OFFERED, "Preference-Applied")
+    | openapi.document(202, JobDocument, examples.RUNNING_JOB, *openapi.OF_ACCEPTED, "Preference-Applied")
+    | problems(400, 401, 403, 406, 409, 410, 413, 415, 422, 429, 500, 503, 507),
+    openapi_extra=openapi.takes(openapi.PREFER_JOB, openapi.IDEMPOTENCY_KEY, body=True),
 )
-async def refine(request: Request, service: ServiceOfRequest) -> Response:
+async def refine(request: Request, service: ServiceOfRequest, owner: Owner) -> Response:
     """Refine one stereo pair and wait for the result, in the media type that `Accept` asks for.
 
-    Without a disparity map, OpenCV's SGBM provides the initial one.
+    Without a disparity map, OpenCV's SGBM provides the initial one. With `Prefer`, what takes longer than the
+    client waits goes on as a job.
     """
-    most = service.settings.max_upload_mb << 20
+    wants = Preferences.of(request)
     media_type = choose(", ".join(request.headers.getlist("accept")), OFFERED)
-    check_headers(request, most)
-    service.pool.check_room()
-    parts = await read_parts(request, most)
-    task = _task(parts, media_type, request.state.request_id)
-    return _response(await unless_gone(request, service.pool.submit(task)))
-
-
-def _task(parts: Mapping[str, bytes], media_type: str, request_id: str) -> Task:
-    params = parse_params(read_params(parts.get("params", b"{}")))
-    check_calibrated(media_type, params.calibrated)
-    files = {name: parts.get(name) for name in ("disparity", "mask")}
-    return Task(
-        parts["left"], parts["right"], **files, params=params, media_type=media_type, request_id=request_id
-    )
-
-
-def _response(answer: Answer) -> Response:
-    timing = ", ".join(f"{name};dur={answer.timings[name]:.3f}" for name in TIMINGS)
-    headers = {"Server-Timing": timing}
-    if answer.media_type != _ZIP:
-        headers["Stereomend-Meta"] = _meta(answer.meta)
-    return Response(answer.body, media_type=answer.media_type, headers=headers)
-
-
-def _meta(meta: Mapping[str, Any]) -> str:
-    text = json.dumps(meta, separators=(",", ":"))
-    if len(text) <= _LONGEST_META:
-        return text
-    # Proxies limit headers, and the client knows what it asked for.
-    return (
-        _meta({name: value for name, value in meta.items() if name != "params"}) if "params" in meta else text
-    )
+    submission = await read_submission(request, service.settings, owner)
+    check_calibrated(media_type, submission.params.calibrated)
+    outcome = await unless_gone(request, service.jobs.refine(submission, media_type, wants.patience_s))
+    if isinstance(outcome, Answer):
+        return result_response(outcome, wants.applied)
+    if outcome.record.state.final:
+        return await stored_result(service.jobs, outcome.record, request)
+    return accepted_response(outcome, wants.applied)

@@ -24,6 +24,7 @@ from stereomend.refinement.backends.base import (
     Rivals,
     Size,
     SpeckleRule,
+    Tick,
     Usable,
 )
 from stereomend.refinement.backends.reference import ReferenceBackend
@@ -48,6 +49,7 @@ __all__ = [
     "Rivals",
     "Size",
     "SpeckleRule",
+    "Tick",
     "Usable",
     "select_backend",
 ]

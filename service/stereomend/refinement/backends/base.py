@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -25,6 +25,10 @@ SMALLEST = 0.5
 
 Size = tuple[int, int]
 """Height and width in pixels."""
+
+
+Tick = Callable[[], None]
+"""Called before each warp of a solve, in the caller's thread; what it raises ends the solve."""
 
 
 class Usable(NamedTuple):
@@ -283,6 +287,7 @@ class Backend(Protocol):
         *,
         weight: Plane | None = None,
         guide: Guide = UNGUIDED,
+        tick: Tick | None = None,
     ) -> Plane:
         """All warps of one level from `u`, with the dual variable starting at zero (Eq. 9 to 14, R3 to R5).
 
@@ -290,11 +295,11 @@ class Backend(Protocol):
         """
         ...
 
-    def globally(self, problem: Problem, params: GdrParams) -> Plane:
+    def globally(self, problem: Problem, params: GdrParams, tick: Tick | None = None) -> Plane:
         """All of GDR from coarse to fine (Eq. 9 to 14, R3 to R6), (H, W) px.
 
         What the levels make of each other is said in `coarse_to_fine`, which backends without a memory of
-        their own share.
+        their own share; on a device no `tick` is heard.
         """
         ...
 

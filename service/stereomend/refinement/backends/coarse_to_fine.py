@@ -5,11 +5,12 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from stereomend.refinement.backends.base import Backend, Guide, Plane, Problem, ReuseRule, Size
+from stereomend.refinement.backends.base import Backend, Guide, Plane, Problem, ReuseRule, Size, Tick
 from stereomend.refinement.stage_params import GdrParams
 
 SMALLEST_SIDE = 8
@@ -51,22 +52,31 @@ class _Level(NamedTuple):
     """The prior averaged without its trust."""
 
 
-def coarse_to_fine(problem: Problem, params: GdrParams, backend: Backend) -> Plane:
+def warps_of(size: Size, params: GdrParams) -> int:
+    """The warps of all levels together."""
+    levels = range(len(level_sizes(size, params.levels)))
+    return sum(schedule(params, level == 0).warps for level in levels)
+
+
+def coarse_to_fine(
+    problem: Problem, params: GdrParams, backend: Backend, tick: Tick | None = None
+) -> Plane:
     """Solve the coarsest level from the prior, each finer one from the enlarged result; (H, W) px."""
     pyramid = [_Level(problem, problem.prior)]
     for _ in level_sizes(problem.size, params.levels)[1:]:
         pyramid.append(_coarser(pyramid[-1], params, backend))
-    u = _solve(pyramid[-1].problem, pyramid[-1].start, schedule(params, len(pyramid) == 1), backend)
+    solve = partial(_solve, backend=backend, tick=tick)
+    u = solve(pyramid[-1].problem, pyramid[-1].start, schedule(params, len(pyramid) == 1))
     for level in pyramid[-2::-1]:
         finest, u = level is pyramid[0], enlarge_disparity(u, level.problem.size, backend)
         u = u if finest else _better(level.problem, u, params, backend)
-        u = _solve(level.problem, u, schedule(params, finest), backend)
+        u = solve(level.problem, u, schedule(params, finest))
     return u
 
 
-def _solve(problem: Problem, u: Plane, params: GdrParams, backend: Backend) -> Plane:
+def _solve(problem: Problem, u: Plane, params: GdrParams, backend: Backend, tick: Tick | None) -> Plane:
     guide = Guide(problem.edge, None if problem.trust is None else problem.prior, problem.trust)
-    return backend.solve(problem.left, problem.right, u, params, weight=problem.weight, guide=guide)
+    return backend.solve(problem.left, problem.right, u, params, weight=problem.weight, guide=guide, tick=tick)
 
 
 def _better(problem: Problem, u: Plane, params: GdrParams, backend: Backend) -> Plane:

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from stereomend.errors import BackendUnavailable
 from stereomend.refinement.backends import cuda_plan as plan
-from stereomend.refinement.backends.base import UNGUIDED, Guide, Plane, Problem
+from stereomend.refinement.backends.base import UNGUIDED, Guide, Plane, Problem, Tick
 from stereomend.refinement.backends.cuda_compile import Sources, compile_kernels
 from stereomend.refinement.backends.cuda_solver import ARGUMENTS, Inputs, Solver
 from stereomend.refinement.backends.native import NativeBackend
@@ -50,17 +50,18 @@ class CudaBackend(NativeBackend):
         *,
         weight: Plane | None = None,
         guide: Guide = UNGUIDED,
+        tick: Tick | None = None,
     ) -> Plane:
         """See `Backend.solve`."""
         if max(left.shape) > plan.LONGEST_SIDE:
-            return super().solve(left, right, u, params, weight=weight, guide=guide)
+            return super().solve(left, right, u, params, weight=weight, guide=guide, tick=tick)
         inputs = Inputs(left, right, u, weight, (), *guide)
         return self._solve(inputs, params.model_copy(update={"levels": 1}))
 
-    def globally(self, problem: Problem, params: GdrParams) -> Plane:
+    def globally(self, problem: Problem, params: GdrParams, tick: Tick | None = None) -> Plane:
         """See `Backend.globally`."""
         if max(problem.size) > plan.LONGEST_SIDE:
-            return super().globally(problem, params)
+            return super().globally(problem, params, tick)
         inputs = Inputs(
             problem.left,
             problem.right,

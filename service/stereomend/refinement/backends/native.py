@@ -29,6 +29,7 @@ from stereomend.refinement.backends.base import (
     Rivals,
     Size,
     SpeckleRule,
+    Tick,
     Usable,
 )
 from stereomend.refinement.backends.coarse_to_fine import coarse_to_fine
@@ -93,6 +94,7 @@ class NativeBackend:
         *,
         weight: Plane | None = None,
         guide: Guide = UNGUIDED,
+        tick: Tick | None = None,
     ) -> Plane:
         """See `Backend.solve`."""
         constants = _native.SolverParams(
@@ -108,11 +110,11 @@ class NativeBackend:
         )
         planes = (self.plane(left), self.plane(right), self.plane(u))
         share, edge, prior, trust = (None if part is None else self.plane(part) for part in (weight, *guide))
-        return self._engine.solve(*planes, share, constants, edge, prior, trust)
+        return self._engine.solve(*planes, share, constants, edge, prior, trust, tick)
 
-    def globally(self, problem: Problem, params: GdrParams) -> Plane:
+    def globally(self, problem: Problem, params: GdrParams, tick: Tick | None = None) -> Plane:
         """See `Backend.globally`."""
-        return coarse_to_fine(problem, params, self)
+        return coarse_to_fine(problem, params, self, tick)
 
     def evidence(self, left: Plane, right: Plane, maps: Sequence[Plane]) -> list[Plane]:
         """See `Backend.evidence`."""

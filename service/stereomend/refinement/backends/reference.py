@@ -32,6 +32,7 @@ from stereomend.refinement.backends.base import (
     Rivals,
     Size,
     SpeckleRule,
+    Tick,
     Usable,
 )
 from stereomend.refinement.backends.coarse_to_fine import coarse_to_fine
@@ -125,12 +126,15 @@ class ReferenceBackend:
         *,
         weight: Plane | None = None,
         guide: Guide = UNGUIDED,
+        tick: Tick | None = None,
     ) -> Plane:
         """See `Backend.solve`."""
         left, right, u = self.plane(left), self.plane(right), self.plane(u)
         own = describe(left, params.descriptor)
         p = np.zeros((2, *u.shape))
         for _ in range(params.warps):
+            if tick is not None:
+                tick()
             gg, gr = linearise(own, describe(warp(right, u), params.descriptor))
             share = np.ones(u.shape) if weight is None else self.plane(weight)
             if params.observed_only:
@@ -139,9 +143,9 @@ class ReferenceBackend:
             u, p = iterate(u, p, (a, r - a * u), params, guide)
         return u
 
-    def globally(self, problem: Problem, params: GdrParams) -> Plane:
+    def globally(self, problem: Problem, params: GdrParams, tick: Tick | None = None) -> Plane:
         """See `Backend.globally`."""
-        return coarse_to_fine(problem, params, self)
+        return coarse_to_fine(problem, params, self, tick)
 
     def evidence(self, left: Plane, right: Plane, maps: Sequence[Plane]) -> list[Plane]:
         """See `Backend.evidence`."""
