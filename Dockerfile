@@ -33,18 +33,23 @@ RUN apt-get update \
     && apt-get install --yes --no-install-recommends libstdc++6 python3 \
     && rm -rf /var/lib/apt/lists/* /var/cache/apt/* /var/cache/debconf/*-old /var/log/apt /var/log/*.log \
     && useradd --uid 10001 --user-group --no-log-init --no-create-home --home-dir /nonexistent \
-        --shell /usr/sbin/nologin stereomend
+        --shell /usr/sbin/nologin stereomend \
+    && install --directory --owner 10001 --group 10001 --mode 0700 /data
 
 COPY --from=build /opt/stereomend /opt/stereomend
 
 # Every address of the container: the server then refuses to start without STEREOMEND_API_KEYS.
 ENV PATH=/opt/stereomend/bin:$PATH \
     STEREOMEND_HOST=0.0.0.0 \
-    STEREOMEND_PORT=8000
+    STEREOMEND_PORT=8000 \
+    STEREOMEND_DATA_DIR=/data
 
 LABEL org.opencontainers.image.title="Stereomend" \
       org.opencontainers.image.description="Mends disparity maps of laparoscopic stereo pairs" \
       org.opencontainers.image.licenses="Apache-2.0"
+
+# Accepted jobs and their results; what is not in a named volume is lost with the container.
+VOLUME /data
 
 EXPOSE 8000
 STOPSIGNAL SIGTERM

@@ -26,10 +26,16 @@ class Served:
 
     @property
     def pid(self):
+        """The supervisor."""
         return self.process.pid
 
+    @property
+    def api(self):
+        """The API process; None while it is replaced."""
+        return next((pid for pid in children(self.pid) if b"stereomend.api" in command(pid)), None)
+
     def workers(self):
-        return [pid for pid in children(self.pid) if b"spawn_main" in command(pid)]
+        return [pid for pid in children(self.api) if b"spawn_main" in command(pid)]
 
     def cpu(self):
         """Seconds that the workers have computed, their own start included."""
@@ -38,7 +44,7 @@ class Served:
 
     def memory(self, line):
         """`VmRSS` (now) or `VmHWM` (highest) of the server and its workers [MiB]."""
-        return sum(memory(pid, line) for pid in (self.pid, *self.workers()))
+        return sum(memory(pid, line) for pid in (self.pid, self.api, *self.workers()))
 
 
 def children(parent):
@@ -73,7 +79,7 @@ def read(path):
 @contextmanager
 def run_server(folder, **settings):
     log = folder / "server.log"
-    chosen = {"port": 0, "backend": "reference"} | settings
+    chosen = {"port": 0, "backend": "reference", "data_dir": folder / "data"} | settings
     with log.open("w") as stream, server_process(load_settings(**chosen), stream) as server:
         yield Served(server.url, server.process, log)
 
@@ -112,6 +118,12 @@ def eventually():
 def alive():
     """Whether a process runs; a zombie does not."""
     return lambda pid: stat(pid)[0] not in ("gone", "Z")
+
+
+@pytest.fixture(name="children")
+def children_of():
+    """The children of a process, zombies included."""
+    return children
 
 
 @pytest.fixture(scope="session")

@@ -37,7 +37,7 @@ def native_server(tmp_path_factory):
 
     with (
         (tmp_path_factory.mktemp("log") / "log").open("w") as log,
-        server_process(load_settings(port=0), log) as server,
+        server_process(load_settings(port=0, data_dir=tmp_path_factory.mktemp("data")), log) as server,
     ):
         yield server.url
 

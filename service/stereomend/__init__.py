@@ -6,11 +6,11 @@
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from stereomend.disparity import Calibration, DisparityMap, Provenance, RefinementResult, StereoPair
 from stereomend.errors import StereomendError
 
 if TYPE_CHECKING:
     from stereomend.client import AsyncClient, Client
+    from stereomend.disparity import Calibration, DisparityMap, Provenance, RefinementResult, StereoPair
     from stereomend.refinement import refine
 
 __all__ = [
@@ -25,10 +25,15 @@ __all__ = [
     "refine",
 ]
 
-# The SDK must not load the kernels, nor in-process use the HTTP client.
+# The SDK must not load the kernels, in-process use not the HTTP client, and the supervisor not even NumPy.
 _LAZY = {
     "AsyncClient": "stereomend.client",
+    "Calibration": "stereomend.disparity",
     "Client": "stereomend.client",
+    "DisparityMap": "stereomend.disparity",
+    "Provenance": "stereomend.disparity",
+    "RefinementResult": "stereomend.disparity",
+    "StereoPair": "stereomend.disparity",
     "refine": "stereomend.refinement",
 }
 

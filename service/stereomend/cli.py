@@ -96,8 +96,7 @@ def _serve(options: argparse.Namespace) -> int:
     from stereomend.api.server import serve
     from stereomend.settings import Settings, load_settings
 
-    serve(load_settings(**{name: getattr(options, name) for name in Settings.model_fields}))
-    return 0
+    return serve(load_settings(**{name: getattr(options, name) for name in Settings.model_fields}))
 
 
 def _add_refine(parser: argparse.ArgumentParser) -> None:

@@ -46,7 +46,7 @@ class Settings(BaseSettings):
     )
     result_ttl_s: float = Field(3600.0, gt=0, description="how long results are kept [s]")
     record_ttl_s: float = Field(86400.0, gt=0, description="how long records of ended jobs are kept [s]")
-    lease_s: float = Field(30.0, gt=0, description="a worker silent for so long has lost its job [s]")
+    lease_s: float = Field(30.0, ge=1, description="a worker silent for so long has lost its job [s]")
     min_free_disk_mb: int = Field(1024, ge=0, description="disk space that jobs leave free [MiB]")
     work_limit_s: float = Field(300.0, gt=0, description="longest time one refinement may take [s]")
     work_limit_mb: int = Field(8192, ge=256, description="most memory one refinement may take [MiB]")

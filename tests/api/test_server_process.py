@@ -68,7 +68,8 @@ def test_no_worker_outlives_a_killed_server(serving, eventually, alive, occupy, 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_a_signal_to_the_whole_group_ends_the_server_quietly(tmp_path, number):
     log = tmp_path / "log"
-    environment = os.environ | {"STEREOMEND_PORT": "0", "STEREOMEND_BACKEND": "reference"}
+    settings = {"PORT": "0", "BACKEND": "reference", "DATA_DIR": str(tmp_path / "data")}
+    environment = os.environ | {f"STEREOMEND_{name}": value for name, value in settings.items()}
     with log.open("w") as stream:
         command = [sys.executable, "-m", "stereomend", "serve"]
         process = subprocess.Popen(

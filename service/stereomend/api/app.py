@@ -16,13 +16,14 @@ from stereomend.api.routes import docs, health, presets, refine
 from stereomend.api.security import Gate
 from stereomend.api.state import Service
 from stereomend.jobs.pool import WorkerPool
+from stereomend.jobs.service import JobService
 from stereomend.settings import Settings
 
 _KEY = Depends(HTTPBearer(auto_error=False, description="API key; not needed where the server has none"))
 
 
 def create_app(settings: Settings) -> FastAPI:
-    """Build the application; its lifespan starts the workers and ends them."""
+    """Build the application; its lifespan opens the data folder, starts the workers and ends them."""
     app = FastAPI(
         title="Stereomend",
         version=version("stereomend"),
@@ -32,7 +33,8 @@ def create_app(settings: Settings) -> FastAPI:
         redirect_slashes=False,
         lifespan=running,
     )
-    app.state.service = Service(settings, WorkerPool(settings))
+    pool = WorkerPool(settings)
+    app.state.service = Service(settings, pool, JobService(settings, pool))
     for router in (refine.router, presets.router):
         app.include_router(router, dependencies=[_KEY])
     for router in (health.router, docs.router):
@@ -47,10 +49,11 @@ def create_app(settings: Settings) -> FastAPI:
 
 @asynccontextmanager
 async def running(app: FastAPI) -> AsyncGenerator[None, None]:
-    """Keep the workers of an application running (raises ConfigurationError if they cannot start)."""
+    """Keep an application's jobs and workers running (raises ConfigurationError if they cannot start)."""
     service: Service = app.state.service
     try:
+        await service.jobs.start()
         await service.pool.start()
         yield
     finally:
-        await service.pool.stop()
+        await service.jobs.stop()

@@ -1,45 +1,49 @@
-"""The server process: one uvicorn, and the same as a child process for demonstrations and tests."""
+"""The server as its user starts it: the supervisor; and the same as a child for demonstrations and tests."""
+
+# Without FastAPI, NumPy or OpenCV: the supervisor stays small.
 
 from __future__ import annotations
 
-import asyncio
 import os
-import signal
 import socket
 import subprocess
 import sys
 from collections.abc import Generator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from types import FrameType
-from typing import IO, Any, NoReturn
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import IO, Any
 
-import uvicorn
-
-from stereomend.api.app import create_app, running
 from stereomend.errors import ConfigurationError, NotReady
 from stereomend.jobs.logs import configure_logging
-from stereomend.jobs.memory import keep_freed_memory
-from stereomend.jobs.pool import GRACE_S, WorkerPool
+from stereomend.jobs.supervisor import Supervised, Supervisor
 from stereomend.settings import Settings
 
 _ANNOUNCEMENT = "Stereomend listens on "
-_STOP_S = GRACE_S + 5
+_STOP_S = 20.0
 _BACKLOG = 2048
 
 
-def serve(settings: Settings) -> None:
+def serve(settings: Settings) -> int:
     """Serve until SIGTERM or SIGINT; prints one line with the address when it is ready.
 
+    Returns an exit code: 2 where the API process cannot start as told, which has then said why.
+
     Raises:
-        ConfigurationError: the address cannot be listened on, or no worker can start as told.
+        ConfigurationError: the address cannot be listened on.
     """
     configure_logging(settings.log_format)
-    keep_freed_memory()
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, _end)
     with _listening(settings) as listener:
-        asyncio.run(_serve(settings, listener))
+        line = f"{_ANNOUNCEMENT}{_url(listener)}"
+        supervised = Supervised(
+            command=[sys.executable, "-m", "stereomend.api"],
+            environment=os.environ | as_environment(settings),
+            listener=listener,
+            on_ready=lambda: print(line, flush=True),
+            patience_s=_STOP_S,
+        )
+        return Supervisor(supervised).run()
 
 
 @dataclass(frozen=True)
@@ -48,6 +52,7 @@ class ServerProcess:
 
     url: str
     process: subprocess.Popen[str]
+    """The supervisor."""
 
 
 @contextmanager
@@ -58,7 +63,7 @@ def server_process(settings: Settings, log: IO[Any] | None = None) -> Generator[
         NotReady: the server ended before it was ready.
     """
     command = [sys.executable, "-m", "stereomend", "serve"]
-    environment = os.environ | _as_environment(settings)
+    environment = os.environ | as_environment(settings)
     process = subprocess.Popen(
         command, env=environment, stdout=subprocess.PIPE, stderr=log or subprocess.DEVNULL, text=True
     )
@@ -71,41 +76,22 @@ def server_process(settings: Settings, log: IO[Any] | None = None) -> Generator[
 
 @contextmanager
 def background_server(settings: Settings, log: IO[Any] | None = None) -> Generator[str, None, None]:
-    """Run a server as a child process and give its base URL (arguments and errors as `server_process`)."""
-    with server_process(settings, log) as server:
-        yield server.url
+    """Run a server as a child process and give its base URL (arguments and errors as `server_process`).
+
+    Its data folder is a temporary one: that of the settings may have a server of its own.
+    """
+    with TemporaryDirectory(prefix="stereomend-") as folder:
+        moved = settings.model_copy(update={"data_dir": Path(folder), "min_free_disk_mb": 0})
+        with server_process(moved, log) as server:
+            yield server.url
 
 
-class _Server(uvicorn.Server):
-    """Stops the pool while connections drain: what runs is answered, what waits is refused."""
-
-    def __init__(self, config: uvicorn.Config, pool: WorkerPool) -> None:
-        super().__init__(config)
-        self._pool = pool
-
-    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        """End all connections."""
-        await asyncio.gather(self._pool.stop(), super().shutdown(sockets))
-
-
-async def _serve(settings: Settings, listener: socket.socket) -> None:
-    app = create_app(settings)
-    # The lifespan is run here and not by uvicorn, which would swallow a ConfigurationError.
-    config = uvicorn.Config(
-        app,
-        lifespan="off",
-        log_config=None,
-        access_log=False,
-        server_header=False,
-        timeout_graceful_shutdown=round(_STOP_S),
-    )
-    async with running(app):
-        print(f"{_ANNOUNCEMENT}{_url(listener)}", flush=True)
-        await _Server(config, app.state.service.pool).serve([listener])
-
-
-def _end(number: int, frame: FrameType | None) -> NoReturn:
-    raise SystemExit(0)
+def as_environment(settings: Settings) -> dict[str, str]:
+    """Give settings as the variables that `load_settings` reads in another process."""
+    values = settings.model_dump(exclude={"api_keys"}) | {
+        "api_keys": ",".join(key.get_secret_value() for key in settings.api_keys)
+    }
+    return {f"STEREOMEND_{name.upper()}": str(value) for name, value in values.items() if value is not None}
 
 
 def _listening(settings: Settings) -> socket.socket:
@@ -127,13 +113,6 @@ def _listening(settings: Settings) -> socket.socket:
 def _url(listener: socket.socket) -> str:
     host, port, *_ = listener.getsockname()
     return f"http://[{host}]:{port}" if ":" in host else f"http://{host}:{port}"
-
-
-def _as_environment(settings: Settings) -> dict[str, str]:
-    values = settings.model_dump(exclude={"api_keys"}) | {
-        "api_keys": ",".join(key.get_secret_value() for key in settings.api_keys)
-    }
-    return {f"STEREOMEND_{name.upper()}": str(value) for name, value in values.items()}
 
 
 def _announced(process: subprocess.Popen[str]) -> str:

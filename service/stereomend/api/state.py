@@ -8,15 +8,17 @@ from typing import Annotated, cast
 from fastapi import Depends, Request
 
 from stereomend.jobs.pool import WorkerPool
+from stereomend.jobs.service import JobService
 from stereomend.settings import Settings
 
 
 @dataclass(frozen=True)
 class Service:
-    """The settings of this server, and its workers."""
+    """The settings of this server, its workers, and its jobs."""
 
     settings: Settings
     pool: WorkerPool
+    jobs: JobService
 
 
 async def _service(request: Request) -> Service:

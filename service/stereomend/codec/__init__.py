@@ -1,6 +1,6 @@
 """Every image and disparity format, in and out, with limits that hold before a pixel is decoded."""
 
-from stereomend.codec.images import decode_image, decode_mask
+from stereomend.codec.images import decode_image, decode_mask, image_size
 from stereomend.codec.maps import decode_disparity
 from stereomend.codec.preview import Span, colourise, preview_picture
 from stereomend.codec.results import (
@@ -32,6 +32,7 @@ __all__ = [
     "encode_result",
     "encode_stored",
     "holds_confidences",
+    "image_size",
     "media_type_for",
     "preview_picture",
     "render",

@@ -44,6 +44,14 @@ def decode_image(data: bytes, name: str, max_pixels: int) -> Image:
         return np.ascontiguousarray(pixels)
 
 
+def image_size(data: bytes, name: str, max_pixels: int) -> tuple[int, int]:
+    """Width and height [px] that the header of an image promises; arguments and errors as `decode_image`."""
+    with named(name):
+        header = read_header(data, EXPECTED)
+        check_size(header, max_pixels)
+        return header.width, header.height
+
+
 def decode_mask(data: bytes, name: str, max_pixels: int) -> Mask:
     """Decode a mask: 0 is not part of the scene, anything else is. Alpha is dropped.
 

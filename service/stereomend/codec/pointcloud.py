@@ -50,7 +50,8 @@ def rgb8(image: Image) -> npt.NDArray[np.uint8]:
 
 def _colours(left: Image, known: npt.NDArray[np.bool_]) -> npt.NDArray[np.uint8]:
     """8-bit RGB of the chosen pixels, (N, 3)."""
-    return rgb8((left if left.ndim == 3 else left[..., None])[None, known])[0]
+    colours: npt.NDArray[np.uint8] = rgb8((left if left.ndim == 3 else left[..., None])[None, known])[0]
+    return colours
 
 
 def _header(count: int) -> bytes:

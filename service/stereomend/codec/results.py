@@ -146,7 +146,7 @@ def _tiff(disparity: FloatMap) -> bytes:
 
 
 def choose_outputs(result: RefinementResult, outputs: Sequence[str] | None) -> list[str]:
-    """The arrays of a zip in their order; None: all there are (raises InvalidParameter for one that is not)."""
+    """The arrays of a zip in order; None: all there are (raises InvalidParameter for one that is not)."""
     there = [name for name in OUTPUTS if getattr(result, name) is not None]
     outputs = there if outputs is None else outputs
     if missing := [name for name in outputs if name not in there]:
@@ -167,7 +167,7 @@ def write_npz(
     meta = json.dumps({**result.meta, "timings_ms": result.timings}, default=_plain)
     file = io.BytesIO()
     # Not compressed: at 720 x 576 the lightest level saves 22 % of 5.4 MB and takes 130 ms instead of 2.
-    np.savez(file, meta=np.array(meta), **arrays, **more)
+    np.savez(file, **({"meta": np.array(meta)} | arrays | dict(more)))
     return file.getvalue()
 
 

@@ -1,4 +1,4 @@
-"""The pool: keeps the workers running and hands them tasks, first come, first served.
+"""The pool: keeps the workers running and hands them tasks, first come, first served among equals.
 
 All of its state lives on the event loop, so there are no locks; only pipes are read and written in threads.
 """
@@ -10,19 +10,22 @@ import logging
 import math
 from collections import deque
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from time import perf_counter
 from typing import TypeVar
 
 from stereomend.errors import (
     ConfigurationError,
     InternalError,
+    JobCancelled,
     NotReady,
     QueueFull,
     StereomendError,
 )
 from stereomend.jobs.process import WorkerProcess, crashed
+from stereomend.jobs.records import Progress
 from stereomend.jobs.task import Answer, Task
+from stereomend.jobs.turns import Ticket, Turns
 from stereomend.jobs.worker import Hello, WorkerPlan
 from stereomend.settings import Settings
 
@@ -36,15 +39,6 @@ GRACE_S = 5.0
 """What `stop` leaves to the tasks that run."""
 
 
-@dataclass(eq=False)
-class _Ticket:
-    task: Task
-    answer: asyncio.Future[Answer]
-    queued_at: float = field(default_factory=perf_counter)
-    started_at: float = 0.0
-    handed_out: int = 0
-
-
 class WorkerPool:
     """Runs `settings.workers` workers from `start` to `stop`, both on the loop that submits."""
 
@@ -53,15 +47,18 @@ class WorkerPool:
         self._plan = WorkerPlan.of(settings)
         self._up: list[WorkerProcess] = []
         self._idle: deque[WorkerProcess] = deque()
-        self._waiting: deque[_Ticket] = deque()
+        self._waiting = Turns()
         self._running: dict[asyncio.Task[None], WorkerProcess] = {}
+        self._at_work: dict[Ticket, WorkerProcess] = {}
         self._keepers: list[asyncio.Task[None]] = []
         self._threads = ThreadPoolExecutor(settings.workers, "worker-pipe")
-        self._held: set[_Ticket] = set()
+        self._held: set[Ticket] = set()
         self._pace_s = 1.0
         self._hello: Hello | None = None
         self._problem: str | None = "the first worker is starting"
         self._stopping = False
+        self.welcomes_job = asyncio.Event()
+        """Set while a durable job would be handed out next, if there were one."""
 
     @property
     def ready(self) -> bool:
@@ -72,6 +69,11 @@ class WorkerPool:
     def workers_up(self) -> int:
         """The number of workers that are ready or at work."""
         return len(self._up)
+
+    @property
+    def pace_s(self) -> float:
+        """What one task takes a worker, by the last few [s]."""
+        return self._pace_s
 
     def hello(self) -> Hello:
         """What computes here, and why (raises NotReady while no worker is up)."""
@@ -90,7 +92,7 @@ class WorkerPool:
         await first
 
     async def submit(self, task: Task) -> Answer:
-        """Wait for a worker and its answer; a caller cancelled while it waits costs no work.
+        """Wait for a worker and its answer; work whose caller is cancelled is not begun, or ended soon.
 
         Raises:
             QueueFull: too many tasks or bytes are held; `retry_after` says when to come again.
@@ -98,17 +100,45 @@ class WorkerPool:
             WorkerCrashed, WorkLimitExceeded: this task ended its worker.
             InputError: the worker refused the task.
         """
-        self.check_room(task.size)
-        ticket = _Ticket(task, asyncio.get_running_loop().create_future())
-        self._held.add(ticket)
-        self._waiting.append(ticket)
-        self._hand_out()
+        ticket = self.enqueue(task)
         try:
             return await ticket.answer
         finally:
-            self._held.discard(ticket)
-            if ticket in self._waiting:
-                self._waiting.remove(ticket)
+            self.call_off(ticket)
+
+    def enqueue(self, task: Task) -> Ticket:
+        """Let a task wait for a worker; `Ticket.answer` raises as `submit` (raises as `check_room`)."""
+        self.check_room(task.size)
+        ticket = _ticket(task)
+        self._held.add(ticket)
+        ticket.answer.add_done_callback(lambda _: self._held.discard(ticket))
+        self._waiting.add(ticket)
+        self._hand_out()
+        return ticket
+
+    def enqueue_job(self, task: Task) -> Ticket:
+        """Let the task of a durable job wait, however many do; its room was found when it was accepted."""
+        ticket = _ticket(task, durable=True)
+        if self._stopping:
+            _settle(ticket.answer, self._not_ready())
+            return ticket
+        self._waiting.add(ticket)
+        self._hand_out()
+        return ticket
+
+    def withdraw(self, ticket: Ticket) -> bool:
+        """Take back a ticket that still waits; False if a worker has it or had it."""
+        withdrawn = self._waiting.remove(ticket)
+        self._held.discard(ticket)
+        self._note_welcome()
+        return withdrawn
+
+    def call_off(self, ticket: Ticket) -> None:
+        """End a ticket: its answer, where there is none yet, will be JobCancelled."""
+        if self.withdraw(ticket):
+            _settle(ticket.answer, JobCancelled("the work was cancelled before it began"))
+        elif worker := self._at_work.get(ticket):
+            worker.call_off()
 
     def check_room(self, size: int = 0) -> None:
         """Refuse now what would be refused once its body is read; `size` in bytes (raises as `submit`)."""
@@ -122,6 +152,7 @@ class WorkerPool:
         """Refuse what waits, let what runs finish for `grace_s` seconds, then end all workers."""
         self._stopping = True
         self._refuse_waiting()
+        self._note_welcome()
         if self._running:
             await asyncio.wait(self._running, timeout=grace_s)
         for keeper in self._keepers:
@@ -184,6 +215,7 @@ class WorkerPool:
             self._up.remove(worker)
         if worker in self._idle:
             self._idle.remove(worker)
+        self._note_welcome()
         await asyncio.wait([worker.died, *(task for task, its in self._running.items() if its is worker)])
         await worker.dispose()
         level = logging.INFO if self._stopping else logging.WARNING
@@ -191,19 +223,33 @@ class WorkerPool:
 
     def _hand_out(self) -> None:
         while self._waiting and self._idle:
-            ticket = self._waiting.popleft()
+            ticket = self._waiting.next()
             worker = self._idle.popleft()
+            ticket.handed_out += 1
+            worker.asked += 1
+            self._at_work[ticket] = worker
             running = asyncio.create_task(self._run(worker, ticket))
             self._running[running] = worker
             running.add_done_callback(self._running.pop)
+        self._note_welcome()
 
-    async def _run(self, worker: WorkerProcess, ticket: _Ticket) -> None:
+    def _note_welcome(self) -> None:
+        if self.ready and self._waiting.wants_job and (self._idle or self._waiting):
+            self.welcomes_job.set()
+        else:
+            self.welcomes_job.clear()
+
+    async def _run(self, worker: WorkerProcess, ticket: Ticket) -> None:
         loop, limit_s = asyncio.get_running_loop(), self._settings.work_limit_s
-        ticket.started_at = perf_counter()
-        ticket.handed_out += 1
+        ticket.started_at = ticket.heard_at = perf_counter()
         alarm = loop.call_later(limit_s, worker.expire, limit_s)
+        self._listen(worker, ticket)
+
+        def on_beat(progress: Progress) -> None:
+            loop.call_soon_threadsafe(ticket.hear, progress)
+
         try:
-            answer = await loop.run_in_executor(self._threads, worker.ask, ticket.task)
+            answer = await loop.run_in_executor(self._threads, worker.ask, ticket.task, on_beat)
         except BrokenPipeError:
             self._hand_out_again(ticket)
         except StereomendError as error:
@@ -216,8 +262,20 @@ class WorkerPool:
             self._done(worker, ticket, _timed(answer, ticket))
         finally:
             alarm.cancel()
+            self._at_work.pop(ticket, None)
 
-    def _done(self, worker: WorkerProcess, ticket: _Ticket, outcome: Answer | StereomendError) -> None:
+    def _listen(self, worker: WorkerProcess, ticket: Ticket) -> None:
+        """Give a worker up that was silent for so long that its lease is over."""
+        if self._at_work.get(ticket) is not worker:
+            return
+        lease_s = self._settings.lease_s
+        left = ticket.heard_at + lease_s - perf_counter()
+        if left > 0:
+            asyncio.get_running_loop().call_later(left, self._listen, worker, ticket)
+        else:
+            worker.give_up(lease_s)
+
+    def _done(self, worker: WorkerProcess, ticket: Ticket, outcome: Answer | StereomendError) -> None:
         _settle(ticket.answer, outcome)
         if isinstance(outcome, Answer):
             self._pace_s += 0.2 * (perf_counter() - ticket.started_at - self._pace_s)
@@ -226,17 +284,17 @@ class WorkerPool:
             self._idle.append(worker)
             self._hand_out()
 
-    def _hand_out_again(self, ticket: _Ticket) -> None:
+    def _hand_out_again(self, ticket: Ticket) -> None:
         # The worker was dead before it had the task, which is no fault of the task's.
         if ticket.handed_out > 1:
             _settle(ticket.answer, crashed("two workers died before they had this request"))
         else:
-            self._waiting.appendleft(ticket)
+            self._waiting.add(ticket, again=True)
             self._hand_out()
 
     def _refuse_waiting(self) -> None:
         while self._waiting:
-            _settle(self._waiting.popleft().answer, self._not_ready())
+            _settle(self._waiting.next().answer, self._not_ready())
 
     def _not_ready(self) -> NotReady:
         why = (
@@ -258,7 +316,14 @@ class WorkerPool:
         return error
 
 
-def _timed(answer: Answer, ticket: _Ticket) -> Answer:
+def _ticket(task: Task, durable: bool = False) -> Ticket:
+    ticket = Ticket(task, asyncio.get_running_loop().create_future(), durable)
+    # Nobody may be left to hear that it failed, which asyncio would complain about.
+    ticket.answer.add_done_callback(lambda answer: answer.cancelled() or answer.exception())
+    return ticket
+
+
+def _timed(answer: Answer, ticket: Ticket) -> Answer:
     seconds = {"queue": ticket.started_at - ticket.queued_at, "total": perf_counter() - ticket.queued_at}
     return replace(answer, timings=answer.timings | {name: 1e3 * value for name, value in seconds.items()})
 

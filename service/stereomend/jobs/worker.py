@@ -8,20 +8,19 @@ from __future__ import annotations
 
 import json
 import logging
-import os
 import resource
-from collections.abc import Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
-from multiprocessing.connection import Connection, wait
-from multiprocessing.process import parent_process
+from multiprocessing.connection import Connection
 from pathlib import Path
-from threading import Thread
 from typing import Any
 
 from stereomend.errors import InternalError, StereomendError, WorkLimitExceeded, error_from_slug
+from stereomend.jobs.attendant import Attendant
 from stereomend.jobs.logs import LogFormat, configure_logging
 from stereomend.jobs.memory import keep_freed_memory
-from stereomend.jobs.task import Answer, Files, Task, perform
+from stereomend.jobs.records import Progress
+from stereomend.jobs.task import TIMINGS, Answer, Files, Task, perform
 from stereomend.opencv import cv2
 from stereomend.refinement import Backend, select_backend
 from stereomend.settings import Settings
@@ -62,21 +61,23 @@ class Hello:
     kernel: str
 
 
-def work(connection: Connection, plan: WorkerPlan) -> None:
+def work(connection: Connection, bell: Connection, plan: WorkerPlan) -> None:
     """Say hello, then answer tasks until the server closes the connection or dies."""
-    Thread(target=_exit_with_server, daemon=True).start()
+    attendant = Attendant(connection, bell)
+    attendant.start()
     configure_logging(plan.log_format)
     cv2.setNumThreads(plan.threads)
     try:
         backend = select_backend(plan.backend, plan.threads)
     except StereomendError as error:
-        _send_head(connection, _problem(error))
+        attendant.answer(_problem(error))
         return
     keep_freed_memory()
     _limit(plan.memory_mb << 20)
-    _send_head(connection, {"backend": backend.name, "reason": backend.reason, "kernel": backend.kernel})
+    attendant.answer({"backend": backend.name, "reason": backend.reason, "kernel": backend.kernel})
     while (task := receive_task(connection)) is not None:
-        _send_outcome(connection, _outcome(task, backend, plan))
+        attendant.begin()
+        _send_outcome(attendant, _outcome(task, backend, plan, attendant))
 
 
 def receive_hello(connection: Connection) -> Hello:
@@ -101,18 +102,23 @@ def send_task(connection: Connection, task: Task) -> None:
         connection.send_bytes(getattr(task, name))
 
 
-def receive_answer(connection: Connection) -> Answer:
-    """Read the answer to a task (raises the worker's StereomendError; EOFError or OSError if it died)."""
-    head = _receive_head(connection)
+def receive_answer(connection: Connection, on_beat: Callable[[Progress], None]) -> Answer:
+    """Read the beats of a task and the answer to it.
+
+    Raises:
+        StereomendError: the worker's.
+        EOFError, OSError: it died.
+        ValueError, TypeError: it says what no worker says.
+    """
+    while "beat" in (head := _receive_head(connection)):
+        on_beat(_progress(*head["beat"]))
     return Answer(body=connection.recv_bytes(), **head)
 
 
-def _exit_with_server() -> None:
-    # Not sys.exit: the main thread may be deep in native code.
-    server = parent_process()
-    if server is not None:
-        wait([server.sentinel])
-        os._exit(1)
+def _progress(phase: str, done: int, total: int) -> Progress:
+    if phase not in TIMINGS:
+        raise ValueError("a worker is in no phase that is known")
+    return Progress(phase, int(done), int(total))
 
 
 def _limit(memory: int) -> None:
@@ -143,9 +149,11 @@ def receive_task(connection: Connection) -> Task | None:
         return None
 
 
-def _outcome(task: Task, backend: Backend, plan: WorkerPlan) -> Answer | StereomendError:
+def _outcome(
+    task: Task, backend: Backend, plan: WorkerPlan, attendant: Attendant
+) -> Answer | StereomendError:
     try:
-        return perform(task, backend, plan.max_pixels)
+        return perform(task, backend, plan.max_pixels, attendant.watch)
     except StereomendError as error:
         return error
     except MemoryError:
@@ -164,21 +172,16 @@ def _out_of_memory(plan: WorkerPlan) -> WorkLimitExceeded:
     )
 
 
-def _send_outcome(connection: Connection, outcome: Answer | StereomendError) -> None:
+def _send_outcome(attendant: Attendant, outcome: Answer | StereomendError) -> None:
     if isinstance(outcome, StereomendError):
-        _send_head(connection, _problem(outcome))
+        attendant.answer(_problem(outcome))
         return
     head = {"media_type": outcome.media_type, "meta": dict(outcome.meta), "timings": outcome.timings}
-    _send_head(connection, head)
-    connection.send_bytes(outcome.body)
+    attendant.answer(head, outcome.body)
 
 
 def _problem(error: StereomendError) -> dict[str, str]:
     return {"error": error.slug, "detail": str(error)}
-
-
-def _send_head(connection: Connection, head: Mapping[str, Any]) -> None:
-    connection.send_bytes(json.dumps(head).encode())
 
 
 def _receive_head(connection: Connection) -> dict[str, Any]:

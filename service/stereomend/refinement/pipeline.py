@@ -95,7 +95,7 @@ def mend(
     backend: Backend,
     watch: Watch = unwatched,
 ) -> Mended:
-    """The map alone, which can be written while it is described; arguments and errors as `run`, and `watch`'s."""
+    """The map alone, which can be written while it is described; raises as `run`, and what `watch` raises."""
     if upload is not None:
         check_same_size("disparity", upload.shape, "left", pair.shape)
     kind = choose_initial(params, upload)

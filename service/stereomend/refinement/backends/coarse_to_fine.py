@@ -58,9 +58,7 @@ def warps_of(size: Size, params: GdrParams) -> int:
     return sum(schedule(params, level == 0).warps for level in levels)
 
 
-def coarse_to_fine(
-    problem: Problem, params: GdrParams, backend: Backend, tick: Tick | None = None
-) -> Plane:
+def coarse_to_fine(problem: Problem, params: GdrParams, backend: Backend, tick: Tick | None = None) -> Plane:
     """Solve the coarsest level from the prior, each finer one from the enlarged result; (H, W) px."""
     pyramid = [_Level(problem, problem.prior)]
     for _ in level_sizes(problem.size, params.levels)[1:]:
@@ -76,7 +74,9 @@ def coarse_to_fine(
 
 def _solve(problem: Problem, u: Plane, params: GdrParams, backend: Backend, tick: Tick | None) -> Plane:
     guide = Guide(problem.edge, None if problem.trust is None else problem.prior, problem.trust)
-    return backend.solve(problem.left, problem.right, u, params, weight=problem.weight, guide=guide, tick=tick)
+    return backend.solve(
+        problem.left, problem.right, u, params, weight=problem.weight, guide=guide, tick=tick
+    )
 
 
 def _better(problem: Problem, u: Plane, params: GdrParams, backend: Backend) -> Plane:

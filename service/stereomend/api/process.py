@@ -1,0 +1,74 @@
+"""The API process: one uvicorn on a socket that the supervisor holds."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+import socket
+import sys
+from types import FrameType
+from typing import NoReturn
+
+import uvicorn
+
+from stereomend.api.app import create_app, running
+from stereomend.api.state import Service
+from stereomend.errors import ConfigurationError
+from stereomend.jobs.logs import configure_logging
+from stereomend.jobs.memory import keep_freed_memory
+from stereomend.jobs.pool import GRACE_S
+from stereomend.jobs.supervisor import READY
+from stereomend.settings import Settings, load_settings
+
+STOP_S = GRACE_S + 5
+"""The longest that ending takes, connections included."""
+
+
+def serve_on(listener: socket.socket, lifeline: socket.socket) -> int:
+    """Serve until SIGTERM or SIGINT, as the environment says; returns an exit code, 2 for bad settings."""
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, _end)
+    try:
+        settings = load_settings()
+        # Workers inherit the environment.
+        os.environ.pop("STEREOMEND_API_KEYS", None)
+        configure_logging(settings.log_format)
+        keep_freed_memory()
+        asyncio.run(_serve(settings, listener, lifeline))
+    except ConfigurationError as error:
+        print(f"stereomend: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+class _Server(uvicorn.Server):
+    """Stops the work while connections drain: what runs is answered, what waits is refused or kept."""
+
+    def __init__(self, config: uvicorn.Config, service: Service) -> None:
+        super().__init__(config)
+        self._service = service
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """End all connections."""
+        await asyncio.gather(self._service.jobs.stop(), super().shutdown(sockets))
+
+
+async def _serve(settings: Settings, listener: socket.socket, lifeline: socket.socket) -> None:
+    app = create_app(settings)
+    # The lifespan is run here and not by uvicorn, which would swallow a ConfigurationError.
+    config = uvicorn.Config(
+        app,
+        lifespan="off",
+        log_config=None,
+        access_log=False,
+        server_header=False,
+        timeout_graceful_shutdown=round(STOP_S),
+    )
+    async with running(app):
+        lifeline.send(READY)
+        await _Server(config, app.state.service).serve([listener])
+
+
+def _end(number: int, frame: FrameType | None) -> NoReturn:
+    raise SystemExit(0)
