@@ -6,14 +6,17 @@ import threading
 import httpx
 import pytest
 
+QUICK = {"gdr": {"warps": 1, "levels": 1}}
 ENDLESS = {"gdr": {"warps": 1000, "iterations": 1000, "levels": 1}, "processing_scale": 1.0}
 
 
 @pytest.fixture
 def post(scene):
-    """POST /v1/refine: `post(server, accept=..., params=..., left=..., disparity=None)`."""
+    """POST a pair: `post(server, accept=..., params=..., left=..., disparity=None)`."""
 
-    def send(server, accept="application/x-npy", params=None, headers=None, timeout=60, **files):
+    def send(
+        server, accept="application/x-npy", params=None, headers=None, path="/v1/refine", timeout=60, **files
+    ):
         files = {
             name: (name, content) for name, content in (scene.files | files).items() if content is not None
         }
@@ -22,7 +25,7 @@ def post(scene):
         elif params is not None:
             files["params"] = (None, params if isinstance(params, str) else json.dumps(params))
         headers = {"Accept": accept} | (headers or {})
-        return httpx.post(f"{server.url}/v1/refine", files=files, headers=headers, timeout=timeout)
+        return httpx.post(server.url + path, files=files, headers=headers, timeout=timeout)
 
     return send
 
@@ -85,3 +88,31 @@ def is_problem():
         return document
 
     return check
+
+
+@pytest.fixture
+def submit(post):
+    """POST /v1/jobs: `submit(server, key="frame-17", params=..., left=...)` gives the answer."""
+
+    def send(server, key=None, params=QUICK, headers=None, **files):
+        headers = (headers or {}) | ({} if key is None else {"Idempotency-Key": key})
+        return post(server, accept="*/*", params=params, headers=headers, path="/v1/jobs", **files)
+
+    return send
+
+
+@pytest.fixture
+def finished():
+    """Wait until a submitted job has ended, and give it: `finished(server, submit(server))`."""
+
+    def wait(server, submitted, headers=None):
+        assert submitted.status_code == 202, submitted.text
+        url, headers = server.url + submitted.headers["Location"], headers or {}
+        job = submitted.json()
+        while "cancel" in job["links"]:
+            known = {"Prefer": "wait=20", "If-None-Match": f'"{job["version"]}"'}
+            answer = httpx.get(url, headers=headers | known, timeout=60)
+            job = answer.json() if answer.status_code == 200 else job
+        return job
+
+    return wait

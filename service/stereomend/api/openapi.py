@@ -151,8 +151,19 @@ def _document(app: FastAPI) -> dict[str, Any]:
         routes=app.routes,
     )
     document["components"]["schemas"]["ProblemDocument"] = ProblemDocument.model_json_schema()
+    _forget_validation_errors(document)
     rewritten: dict[str, Any] = as_openapi_30(document)
     return rewritten
+
+
+def _forget_validation_errors(document: dict[str, Any]) -> None:
+    # The framework adds its own form of 422 to every route that has a parameter.
+    for path in document["paths"].values():
+        for operation in path.values():
+            if "HTTPValidationError" in str(operation["responses"].get("422")):
+                del operation["responses"]["422"]
+    for name in ("HTTPValidationError", "ValidationError"):
+        document["components"]["schemas"].pop(name, None)
 
 
 def _problem(status: HTTPStatus) -> dict[str, Any]:
