@@ -29,6 +29,7 @@ from stereomend.errors import (
 )
 from stereomend.jobs.blobs import pack
 from stereomend.jobs.changes import Changes
+from stereomend.jobs.killpoints import pass_killpoint
 from stereomend.jobs.ledger import Accepted, Page, Stats
 from stereomend.jobs.pool import GRACE_S, WorkerPool
 from stereomend.jobs.records import JobRecord, JobState, NewJob, inputs_blob
@@ -277,6 +278,7 @@ class JobService:
             raise self._closed()
         job = await self._stored(submission)
         accepted = await self._accept(job)
+        pass_killpoint("job-accepted")
         self._runner.ring()
         return accepted
 

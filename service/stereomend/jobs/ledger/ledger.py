@@ -12,6 +12,7 @@ from typing import Any
 from sqlalchemy import ColumnElement, Connection, Engine, delete, func, select, true, tuple_
 
 from stereomend.errors import JobFinished, JobNotFound
+from stereomend.jobs.killpoints import pass_killpoint
 from stereomend.jobs.ledger import rows
 from stereomend.jobs.ledger.admission import check_room, replayed
 from stereomend.jobs.ledger.answers import Accepted, Page, Reaped, Renewal, Stats
@@ -80,6 +81,7 @@ class Ledger:
             check_room(connection, job, room)
             now = self._database.now(connection)
             row = rows.insert_job(connection, job, now)
+            pass_killpoint("job-inserted")
             if claimed_for_s is None:
                 return Accepted(rows.record_of(row))
             row = _changed(connection, row, rows.claimed(1, now, claimed_for_s))
