@@ -12,7 +12,7 @@ from fastapi.security import HTTPBearer
 from stereomend.api.envelope import Envelope
 from stereomend.api.openapi import describe
 from stereomend.api.problems import add_handlers
-from stereomend.api.routes import docs, health, presets, refine
+from stereomend.api.routes import docs, health, jobs, presets, refine
 from stereomend.api.security import Gate
 from stereomend.api.state import Service
 from stereomend.jobs.pool import WorkerPool
@@ -35,7 +35,7 @@ def create_app(settings: Settings) -> FastAPI:
     )
     pool = WorkerPool(settings)
     app.state.service = Service(settings, pool, JobService(settings, pool))
-    for router in (refine.router, presets.router):
+    for router in (refine.router, jobs.router, presets.router):
         app.include_router(router, dependencies=[_KEY])
     for router in (health.router, docs.router):
         app.include_router(router)
