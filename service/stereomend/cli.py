@@ -177,11 +177,13 @@ def _refine(options: argparse.Namespace) -> int:
 
 def _refined_on_server(options: argparse.Namespace) -> RefinementResult:
     from stereomend.client import Client
+    from stereomend.watching import refine_watched
 
+    files = (options.left, options.right, options.disparity)
     with Client(options.url, options.api_key) as client:
-        return client.refine(
-            options.left, options.right, options.disparity, mask=options.mask, **_params(options)
-        )
+        if sys.stderr.isatty():
+            return refine_watched(client, files, options.mask, _params(options))
+        return client.refine(*files, mask=options.mask, **_params(options))
 
 
 def _refined_here(options: argparse.Namespace) -> RefinementResult:

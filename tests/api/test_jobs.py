@@ -47,7 +47,7 @@ def test_a_job_is_accepted_and_done(server, submit, finished):
     assert answer.headers["ETag"] == f'"{job["version"]}"'
     assert "Idempotency-Replayed" not in answer.headers
     assert (job["state"], job["preset"], job["priority"]) == ("queued", "paper", 7)
-    assert job["input"]["width"], job["input"]["height"] == (64, 48)
+    assert (job["input"]["width"], job["input"]["height"]) == (64, 48)
     job = finished(server, answer)
     assert job["state"] == "succeeded"
     assert job["backend"] == "reference"
@@ -138,10 +138,9 @@ def test_a_long_poll_of_what_the_client_does_not_know_answers_at_once(server, en
 
 def events(server, job, **headers):
     headers = {name.replace("_", "-"): value for name, value in headers.items()}
-    with httpx.Client(timeout=60) as client:
-        with httpx_sse.connect_sse(client, "GET", url(server, job, "/events"), headers=headers) as source:
-            assert source.response.status_code == 200
-            return [event for event in source.iter_sse() if event.data]
+    with httpx.stream("GET", url(server, job, "/events"), headers=headers, timeout=60) as stream:
+        assert stream.status_code == 200
+        return [event for event in httpx_sse.EventSource(stream).iter_sse() if event.data]
 
 
 def test_events_tell_of_a_job_from_its_start_to_its_end(server, submit):
@@ -234,8 +233,6 @@ def test_a_deadline_that_passes_while_the_job_waits_fails_it(serving, submit, oc
 def test_jobs_are_listed_newest_first_page_by_page(serving, submit, finished):
     with serving() as server:
         sent = [finished(server, submit(server))["id"] for _ in range(5)][::-1]
-        failed = finished(server, submit(server, right=b"x" * 100))["id"] if False else None
-        assert failed is None
         found, cursor = [], {}
         while cursor is not None:
             page = httpx.get(f"{server.url}/v1/jobs", params={"limit": 2} | cursor).json()

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import AsyncGenerator, Awaitable, Callable
+from contextlib import suppress
 
 from fastapi.sse import KEEPALIVE_COMMENT, format_sse_event
 from starlette.requests import Request
 
 from stereomend.api.job_documents import job_document
+from stereomend.errors import JobNotFound
 from stereomend.jobs.records import JobRecord
 
 KEEP_ALIVE_S = 15.0
 """A comment is sent after so long a silence, or proxies would take the connection for dead."""
 _RETRY_MS = 1000
 
-Changed = Callable[[JobRecord, float], Awaitable[JobRecord]]
-"""Waits so many seconds at most for another version of a job."""
+Changed = Callable[[JobRecord, float], Awaitable[JobRecord | None]]
+"""Waits so many seconds at most for another version of a job; None: the server ends."""
 
 
 def last_seen(request: Request) -> int | None:
@@ -31,7 +33,9 @@ async def events_of(record: JobRecord, seen: int | None, changed: Changed) -> As
     """
     yield format_sse_event(retry=_RETRY_MS)
     told = None
-    while True:
+    latest: JobRecord | None = record
+    while latest:
+        record = latest
         if record.version != seen:
             yield _event(record, "progress" if record.state == told else "state")
             seen, told = record.version, record.state
@@ -39,7 +43,10 @@ async def events_of(record: JobRecord, seen: int | None, changed: Changed) -> As
             yield KEEPALIVE_COMMENT
         if record.state.final:
             return
-        record = await changed(record, KEEP_ALIVE_S)
+        # A job that is deleted has no more events; who comes again is told so.
+        latest = None
+        with suppress(JobNotFound):
+            latest = await changed(record, KEEP_ALIVE_S)
 
 
 def _event(record: JobRecord, kind: str) -> bytes:

@@ -18,6 +18,7 @@ from stereomend.api.schemas import ProblemDocument
 from stereomend.jobs.task import TIMINGS
 
 _VERSION = "3.0.3"  # the newest that the bundled Swagger UI draws
+_JSON = "application/json"
 _TEXT = {"type": "string"}
 _FILE = {"type": "string", "format": "binary"}
 _SECONDS = {"type": "integer", "minimum": 0}
@@ -107,7 +108,8 @@ def refined(media_types: Sequence[str], *headers: str) -> Responses:
 
 def document(status: int, model: type[BaseModel], example: object, *headers: str) -> Responses:
     """Describe an answer that is a JSON document."""
-    content = {"application/json": {"example": example}}
+    # As text, since the framework would drop what is null in it; `_parse_examples` undoes it.
+    content = {_JSON: {"example": json.dumps(example)}}
     description = (model.__doc__ or "").partition("\n")[0]
     return {status: _answer(description, content, headers) | {"model": model}}
 
@@ -151,19 +153,27 @@ def _document(app: FastAPI) -> dict[str, Any]:
         routes=app.routes,
     )
     document["components"]["schemas"]["ProblemDocument"] = ProblemDocument.model_json_schema()
-    _forget_validation_errors(document)
+    for path in document["paths"].values():
+        for operation in path.values():
+            _forget_validation_error(operation["responses"])
+            _parse_examples(operation["responses"])
+    for name in ("HTTPValidationError", "ValidationError"):
+        document["components"]["schemas"].pop(name, None)
     rewritten: dict[str, Any] = as_openapi_30(document)
     return rewritten
 
 
-def _forget_validation_errors(document: dict[str, Any]) -> None:
+def _forget_validation_error(responses: dict[str, Any]) -> None:
     # The framework adds its own form of 422 to every route that has a parameter.
-    for path in document["paths"].values():
-        for operation in path.values():
-            if "HTTPValidationError" in str(operation["responses"].get("422")):
-                del operation["responses"]["422"]
-    for name in ("HTTPValidationError", "ValidationError"):
-        document["components"]["schemas"].pop(name, None)
+    if "HTTPValidationError" in str(responses.get("422")):
+        del responses["422"]
+
+
+def _parse_examples(responses: dict[str, Any]) -> None:
+    for response in responses.values():
+        content = response.get("content", {}).get(_JSON, {})
+        if "example" in content:
+            content["example"] = json.loads(content["example"])
 
 
 def _problem(status: HTTPStatus) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from stereomend.api.conditional import etag_of, has_already, not_modified
 from stereomend.api.job_documents import offered_for
 from stereomend.api.negotiation import choose
 from stereomend.api.results import result_response
-from stereomend.codec.stored import render
+from stereomend.codec import render
 from stereomend.jobs.records import JobRecord, JobState
 from stereomend.jobs.service import JobService, StoredResult
 from stereomend.jobs.task import Answer

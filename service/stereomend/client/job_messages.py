@@ -14,7 +14,7 @@ import httpx
 import httpx_sse
 
 from stereomend.client.messages import ZIP, Inputs, Request, document, read_document, refinement
-from stereomend.errors import InternalError, JobNotFinished
+from stereomend.errors import InternalError, JobNotFinished, StereomendError, error_from_slug
 
 JOBS = "/v1/jobs"
 
@@ -67,6 +67,11 @@ class JobStatus:
         """Why it failed."""
         problem = self.document["error"]
         return None if problem is None else str(problem["detail"])
+
+    def as_error(self) -> StereomendError:
+        """What it failed with, as the exception that a refinement which is waited for would raise."""
+        problem = self.document["error"] or {"type": "", "detail": f"job {self.id} has {self.state}"}
+        return error_from_slug(str(problem["type"]).rpartition("/")[2], str(problem["detail"]))
 
 
 class Deadline:

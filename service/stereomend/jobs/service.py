@@ -149,12 +149,14 @@ class JobService:
         then it is accepted as by `submit`, priority, deadline and all.
 
         Raises:
+            IdempotencyInFlight: a request with this key is being answered.
             QueueFull, NotReady, WorkerCrashed, WorkLimitExceeded, InputError: as `WorkerPool.submit`.
             All that `submit` raises: when it becomes a job.
         """
         task = task_of(submission.files, submission.params, submission.request_id)
         if wait_s is None:
-            return await self._pool.submit(replace(task, media_type=media_type))
+            with self._alone(submission):
+                return await self._pool.submit(replace(task, media_type=media_type))
         if wait_s <= 0:
             return await self.submit(submission)
         with self._alone(submission):
@@ -236,6 +238,11 @@ class JobService:
             raise _no_result(record)
         content = await self._store.move(self._store.blobs.result, record.result_blob)
         return StoredResult(record, content)
+
+    @property
+    def ending(self) -> bool:
+        """Whether the server is to end: nothing is accepted, and changes are not waited for."""
+        return self._stopping
 
     async def stats(self) -> Stats:
         """Count the jobs of the ledger by state, and their bytes."""

@@ -130,8 +130,9 @@ async def events(request: Request, service: ServiceOfRequest, job_id: JobId, vie
     if record.state.final and record.version == seen:
         return Response(status_code=204)
 
-    async def changed(known: JobRecord, timeout_s: float) -> JobRecord:
-        return await service.jobs.changed(job_id, viewer, known.version, timeout_s)
+    async def changed(known: JobRecord, timeout_s: float) -> JobRecord | None:
+        now = await service.jobs.changed(job_id, viewer, known.version, timeout_s)
+        return None if service.jobs.ending and now.version == known.version else now
 
     # A proxy that gathers a stream before it passes it on would hold it up.
     return EventSourceResponse(events_of(record, seen, changed), headers={"X-Accel-Buffering": "no"})

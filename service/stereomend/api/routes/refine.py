@@ -16,6 +16,7 @@ from stereomend.api.results import result_response
 from stereomend.api.state import ServiceOfRequest
 from stereomend.api.stored_results import stored_result
 from stereomend.api.submissions import read_submission
+from stereomend.api.uploads import check_headers
 from stereomend.api.waiting import unless_gone
 from stereomend.codec import check_calibrated
 from stereomend.jobs.task import Answer
@@ -40,6 +41,9 @@ async def refine(request: Request, service: ServiceOfRequest, owner: Owner) -> R
     """
     wants = Preferences.of(request)
     media_type = choose(", ".join(request.headers.getlist("accept")), OFFERED)
+    check_headers(request, service.settings.max_upload_mb << 20)
+    if wants.patience_s != 0:
+        service.pool.check_room()
     submission = await read_submission(request, service.settings, owner)
     check_calibrated(media_type, submission.params.calibrated)
     outcome = await unless_gone(request, service.jobs.refine(submission, media_type, wants.patience_s))
