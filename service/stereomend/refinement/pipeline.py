@@ -29,8 +29,6 @@ from stereomend.refinement.pyramid import (
     Sparse,
     enlarge_disparity,
     enlarge_mask,
-    sample_disparity,
-    shrink_disparity,
     working_size,
 )
 from stereomend.refinement.report import Mended, Start, Trace, describe, finish
@@ -149,7 +147,7 @@ def globally(
     refined = refine_globally(scene, prior, params.gdr, backend, steps)
     if not params.fusion.enabled or begun.start.kind == "zero":
         return refined, None
-    upload = sample_disparity(begun.start.full, scene.size)
+    upload = backend.sample_sparse(begun.start.full, scene.size)
     return refined, fuse(scene, Readings(upload, refined), params, backend)
 
 
@@ -168,7 +166,7 @@ def start_from(
     if kind == "zero" or upload is None:
         return Start(kind, _nothing(size, backend), _nothing(scene.size, backend))
     full_size = uploaded(upload, pair.mask)
-    return Start(kind, full_size, shrink_disparity(full_size, scene.size, backend))
+    return Start(kind, full_size, backend.shrink_sparse(full_size, scene.size))
 
 
 def _nothing(size: Size, backend: Backend) -> Sparse:

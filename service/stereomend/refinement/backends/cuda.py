@@ -15,9 +15,15 @@ import numpy.typing as npt
 
 from stereomend.errors import BackendUnavailable
 from stereomend.refinement.backends import cuda_plan as plan
-from stereomend.refinement.backends.base import UNGUIDED, Guide, Plane, Problem, Tick
 from stereomend.refinement.backends.cuda_compile import Sources, compile_kernels
 from stereomend.refinement.backends.cuda_solver import ARGUMENTS, Inputs, Solver
+from stereomend.refinement.backends.data import (
+    UNGUIDED,
+    Guide,
+    Plane,
+    Problem,
+    Tick,
+)
 from stereomend.refinement.backends.native import NativeBackend
 from stereomend.refinement.stage_params import GdrParams
 
