@@ -12,12 +12,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import httpx
 import numpy as np
 
 from trials.processes import alive
 from trials.service import ORPHAN_S, Service, kill, service, until
-from trials.work import NPY_TYPE, Client, Told
+from trials.work import Client, Told, look_again
 
 POINTS = ("inputs-renamed", "job-inserted", "job-accepted", "results-renamed", "result-stored")
 """Where the API process kills itself; see `jobs/killpoints.py`."""
@@ -114,10 +113,10 @@ def _under_load(folder: Path, **settings: object) -> Iterator[tuple[Service, Tri
         until(running.ready, "the service is ready after all")
         for client in clients:
             client.finish()
-        _look_again(running, told, trial)
+        look_again(running.url, told, trial.attempts)
         trial.starts, trial.jobs, trial.answers = running.starts, len(told.ids), told.answers
-        _expect(told, not running.orphans(), f"processes {running.orphans()} belong to no supervisor")
-    _expect(told, not running.all_processes(), "processes are left after the service was ended")
+        told.expect(not running.orphans(), f"processes {running.orphans()} belong to no supervisor")
+    told.expect(not running.all_processes(), "processes are left after the service was ended")
     trial.faults, trial.seconds = told.faults, time.monotonic() - began
 
 
@@ -135,33 +134,3 @@ def _kill(running: Service, one: Kill, trial: Trial) -> bool:
     lasted = until(lambda: not any(map(alive, gone)), f"{one.target} and what belongs to it ends", ORPHAN_S)
     trial.slowest_end_s = max(trial.slowest_end_s, lasted)
     return True
-
-
-def _look_again(running: Service, told: Told, trial: Trial) -> None:
-    """Every id of a 202 is known, ended well, gives the same result again, and there is no other job."""
-    with httpx.Client(base_url=running.url, timeout=30) as http:
-        listed = {job["id"]: job for job in _pages(http)}
-        ids = set(told.ids.values())
-        _expect(told, len(ids) == len(told.ids), "two idempotency keys have one job")
-        _expect(told, set(listed) == ids, f"jobs nobody was told of: {set(listed) ^ ids}")
-        for key, id in told.ids.items():
-            job = listed.get(id, {"state": "unknown", "attempt": 0})
-            trial.attempts[job["attempt"]] += 1
-            _expect(told, job["state"] == "succeeded", f"{key} ({id}) is {job['state']} in the end")
-            again = http.get(f"/v1/jobs/{id}/result", headers={"Accept": NPY_TYPE})
-            _expect(told, again.content == told.results.get(key), f"{key} ({id}) has another result now")
-
-
-def _pages(http: httpx.Client) -> Iterator[dict[str, Any]]:
-    cursor: dict[str, str] = {}
-    while True:
-        page = http.get("/v1/jobs", params={"limit": "200", **cursor}).raise_for_status().json()
-        yield from page["jobs"]
-        if page["next_cursor"] is None:
-            return
-        cursor = {"cursor": page["next_cursor"]}
-
-
-def _expect(told: Told, holds: bool, otherwise: str) -> None:
-    if not holds:
-        told.blame(otherwise)

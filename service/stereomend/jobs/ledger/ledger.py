@@ -205,13 +205,14 @@ class Ledger:
     def recover(self) -> int:
         """Take all running jobs from their workers, which ended with the only server; returns how many.
 
+        They are not to blame: the server touches no pixel, and may be killed any number of times.
         Only where no other process runs jobs of this ledger.
         """
         with self._database.writing() as connection:
             now = self._database.now(connection)
             running = connection.execute(rows.select_for_update(jobs.c.state == JobState.RUNNING)).all()
             for row in running:
-                _changed(connection, row, rows.crashed(row, now, "the server was ended"))
+                _changed(connection, row, rows.released(row, now, 0))
             return len(running)
 
     def expired(self, record_ttl_s: float) -> list[str]:
