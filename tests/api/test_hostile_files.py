@@ -8,11 +8,14 @@ import zlib
 import cv2
 import numpy as np
 import pytest
+from trials.originals import FORMATS
+from trials.posting import post_mutants, target, warm_up
 
 QUICK = {"gdr": {"warps": 1, "levels": 1}}
 
 MOST_GROWTH_MB = 200
 LIVELY_S = 3
+MUTANTS = 60
 
 
 def npy(array, allow_pickle=False):
@@ -122,3 +125,19 @@ def test_a_disparity_too_large_for_a_png_names_the_formats_that_hold_it(server, 
         server, accept="image/png", params={"stages": ["ldr"], "ldr": {"min_confidence": 0}}, **large
     )
     assert "NPY" in is_problem(response, 422, "disparity-out-of-range")["detail"]
+
+
+@pytest.fixture(scope="module")
+def besieged():
+    with target() as server:
+        warm_up(server)
+        yield server
+
+
+@pytest.mark.parametrize("format", FORMATS, ids=str)
+def test_damaged_uploads_over_several_connections_do_no_harm(besieged, format):
+    found = post_mutants(besieged, format, range(MUTANTS), seed=2)
+    assert not found.faults
+    assert sum(found.statuses.values()) == MUTANTS
+    assert found.workers_replaced == 0
+    assert sum(found.grown_mb.values()) < MOST_GROWTH_MB

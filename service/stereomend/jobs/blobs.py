@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from stereomend.errors import ConfigurationError, DiskFull, InternalError, ResultExpired
+from stereomend.jobs.killpoints import pass_killpoint
 from stereomend.jobs.task import Files
 
 _NAME = re.compile(r"inputs/[0-9a-f]{32}|results/[0-9a-f]{32}\.[0-9]{1,9}")
@@ -57,6 +58,7 @@ class BlobStore:
             try:
                 _write(temporary, chunks)
                 temporary.rename(path)
+                pass_killpoint(f"{path.parent.name}-renamed")
             except BaseException:
                 with suppress(OSError):
                     temporary.unlink()

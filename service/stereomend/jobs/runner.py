@@ -21,6 +21,7 @@ from stereomend.errors import (
 )
 from stereomend.jobs.blobs import unpack
 from stereomend.jobs.changes import Changes
+from stereomend.jobs.killpoints import pass_killpoint
 from stereomend.jobs.pool import WorkerPool
 from stereomend.jobs.records import Claim, Outcome, Progress, inputs_blob, result_blob
 from stereomend.jobs.store import Store
@@ -182,6 +183,7 @@ class Runner:
             log.error("the result of job %s cannot be stored, so it runs again: %s", claim.id, error)
             await self._release(claim, DISK_FULL_PAUSE_S)
         else:
+            pass_killpoint("result-stored")
             await self._end(claim, _success(answer, blob, digest))
 
     def _put(self, blob: str, body: bytes) -> str:

@@ -24,6 +24,7 @@ from stereomend.errors import (
     Unavailable,
 )
 from stereomend.jobs.changes import Changes
+from stereomend.jobs.killpoints import pass_killpoint
 from stereomend.jobs.ledger import Accepted, Page, Stats
 from stereomend.jobs.listener import Listener
 from stereomend.jobs.pool import GRACE_S, WorkerPool
@@ -262,6 +263,7 @@ class JobService:
             raise self._closed()
         job = await self._stored(submission)
         accepted = await self._accept(job)
+        pass_killpoint("job-accepted")
         self._runner.ring()
         return accepted
 

@@ -107,7 +107,7 @@ def lose_by_end_of_server(ledger, claim, clock):
     return ledger.get(claim.id, None).state
 
 
-@pytest.mark.parametrize("lose", [lose_by_crash, lose_by_lease, lose_by_end_of_server])
+@pytest.mark.parametrize("lose", [lose_by_crash, lose_by_lease])
 def test_a_job_that_loses_its_workers_again_and_again_is_poison(ledger, running, clock, lose):
     claim = running()
     for _ in range(MOST_CRASHES - 1):
@@ -119,6 +119,17 @@ def test_a_job_that_loses_its_workers_again_and_again_is_poison(ledger, running,
     assert record.finished_at == clock.now
     assert (ledger.stats().bytes_held, ledger.stats().bytes_reserved) == (0, 0)
     assert ledger.claim(30) is None
+
+
+def test_no_job_is_to_blame_for_the_end_of_the_server(ledger, running, clock):
+    claim = running()
+    for _ in range(MOST_CRASHES + 1):
+        assert lose_by_end_of_server(ledger, claim, clock) is JobState.QUEUED
+        claim = ledger.claim(30)
+    for _ in range(MOST_CRASHES - 1):
+        assert lose_by_crash(ledger, claim, clock) is JobState.QUEUED
+        claim = ledger.claim(30)
+    assert lose_by_crash(ledger, claim, clock) is JobState.FAILED
 
 
 @pytest.mark.parametrize("lose", [lose_by_crash, lose_by_lease, lose_by_end_of_server])

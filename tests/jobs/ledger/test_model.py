@@ -203,7 +203,10 @@ class LedgerMachine(RuleBasedStateMachine):
         running = [job for job in self.model.jobs.values() if job.state == "running"]
         assert self.ledger.recover() == len(running)
         for job in running:
-            job.crash(self.model.now)
+            if job.cancel:
+                job.end("cancelled", self.model.now)
+            else:
+                job.wait(self.model.now)
 
     @rule(ttl=st.sampled_from([1, 30, 1000]))
     def expire(self, ttl):

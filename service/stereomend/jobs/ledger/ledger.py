@@ -12,6 +12,7 @@ from typing import Any
 from sqlalchemy import ColumnElement, Connection, Engine, bindparam, delete, func, select, true, tuple_
 
 from stereomend.errors import JobFinished, JobNotFound
+from stereomend.jobs.killpoints import pass_killpoint
 from stereomend.jobs.ledger import rows
 from stereomend.jobs.ledger.admission import check_room, replayed
 from stereomend.jobs.ledger.answers import Accepted, Page, Reaped, Renewal, Stats
@@ -84,6 +85,7 @@ class Ledger:
             check_room(connection, job, room)
             now = self._database.now(connection)
             row = rows.insert_job(connection, job, now)
+            pass_killpoint("job-inserted")
             if claimed_for_s is None:
                 return Accepted(rows.record_of(row))
             row = _changed(connection, row, rows.claimed(1, now, claimed_for_s))
@@ -216,14 +218,13 @@ class Ledger:
     def recover(self) -> int:
         """Take all running jobs from their workers, which ended with the only server; returns how many.
 
+        They are not to blame: the server touches no pixel, and may be killed any number of times.
         Only where no other process runs jobs of this ledger.
         """
         with self._database.writing() as connection:
             now = self._database.now(connection)
             running = connection.execute(rows.select_for_update(jobs.c.state == JobState.RUNNING)).all()
-            changed = [
-                _changed(connection, row, rows.crashed(row, now, "the server was ended")) for row in running
-            ]
+            changed = [_changed(connection, row, rows.released(row, now, 0)) for row in running]
         self._tell(*(row.state for row in changed))
         return len(changed)
 
