@@ -73,7 +73,16 @@ struct Choice {
     bool* soft;
     bool* passing;
     bool* reached;
+    bool* kept;  // valid, and no small patch
+    bool* along;  // bridges along rows
+    bool* across;  // and along columns
     float* share;  // of the upload; below 0 where it is to be reached
+};
+
+// A row, or a part of it.
+struct Stretch {
+    int y;
+    Rows columns;
 };
 
 struct FusionSweeps {
@@ -83,8 +92,13 @@ struct FusionSweeps {
     void (*look)(const Rivals&, const ChoiceRule&, int y, uint8_t* scratch, const Choice&);
     // Writes row y of `soft`, `passing`, `reached` (its seeds) and `share`; scratch: 4 * (width + 4).
     void (*settle)(const Rivals&, const Grounds&, const ChoiceRule&, int y, float* scratch, const Choice&);
-    // Completes row y of the share [in/out]: what is reached, without small patches.
-    void (*conclude)(const Rivals&, int y, const bool* small, const Choice&);
+    // Writes row y of `kept`, and leaves only that reached.
+    void (*sift)(const Rivals&, int y, const bool* small, const Choice&);
+    // Sets bridges [out] that begin in a stretch and follow a row (`step` 1) or a column (`step` width): pixels that
+    // are passing and lead from one reached pixel to another only up or only down. Scratch: width.
+    void (*bridge)(const Terrain&, const Stretch&, int step, const bool* reached, uint8_t* scratch, bool* out);
+    // Completes row y of the share [in/out]: what is reached or a bridge, without small patches.
+    void (*conclude)(const Rivals&, int y, const Choice&);
 };
 
 extern const FusionSweeps fusion_sweeps_v2;
