@@ -75,6 +75,7 @@ void choose(const Rivals& rivals, const Grounds& grounds, const ChoiceRule& rule
             bool* small = gang.row_of_flags(member);
             std::fill(small, small + width, false);
             gang.crew.sweeps.flag_small(patches, width, y, rule.largest_patch, small);
+            crew.sweeps.narrow(rivals, y, choice);
             gang.crew.ldr.reach_along(terrain, y, choice.reached);
             crew.sweeps.sift(rivals, y, small, choice);
         }

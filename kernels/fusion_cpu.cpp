@@ -200,6 +200,15 @@ void settle(const Rivals& in, const Grounds& grounds, const ChoiceRule& rule, in
     }
 }
 
+void narrow(const Rivals& in, int y, const Choice& choice) {
+    const long o = offset_of(in.size, y);
+    const uint8_t *shown = bytes_of(in.upload_shown) + o, *u_shown = bytes_of(in.u_shown) + o;
+    uint8_t* passing = bytes_of(choice.passing) + o;
+    const int width = in.size.width;
+#pragma GCC ivdep
+    for (int x = 0; x < width; ++x) passing[x] &= static_cast<uint8_t>(1 - (shown[x] | u_shown[x]));
+}
+
 void sift(const Rivals& in, int y, const bool* small, const Choice& choice) {
     const long o = offset_of(in.size, y);
     const uint8_t *valid = bytes_of(in.valid) + o, *gone = bytes_of(small);
@@ -258,6 +267,6 @@ void conclude(const Rivals& in, int y, const Choice& choice) {
 
 }  // namespace
 
-extern const FusionSweeps FUSION_SWEEPS = {poll, look, settle, sift, bridge, conclude};
+extern const FusionSweeps FUSION_SWEEPS = {poll, look, settle, narrow, sift, bridge, conclude};
 
 }  // namespace stereomend

@@ -92,6 +92,8 @@ struct FusionSweeps {
     void (*look)(const Rivals&, const ChoiceRule&, int y, uint8_t* scratch, const Choice&);
     // Writes row y of `soft`, `passing`, `reached` (its seeds) and `share`; scratch: 4 * (width + 4).
     void (*settle)(const Rivals&, const Grounds&, const ChoiceRule&, int y, float* scratch, const Choice&);
+    // Leaves passing in row y only what neither map shows.
+    void (*narrow)(const Rivals&, int y, const Choice&);
     // Writes row y of `kept`, and leaves only that reached.
     void (*sift)(const Rivals&, int y, const bool* small, const Choice&);
     // Sets bridges [out] that begin in a stretch and follow a row (`step` 1) or a column (`step` width): pixels that

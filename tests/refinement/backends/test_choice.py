@@ -86,14 +86,19 @@ class Loops(NamedTuple):
         return soft[source] or soft[target] or abs(float(u[source]) - float(u[target])) <= self.rule.step
 
     def walked(self, seeds, passing, soft):
-        """Along rows right and left, then along columns down and up, then along rows once more."""
+        """Along rows right and left, columns down and up, and, where both maps are hidden, rows again."""
         reached, everywhere = seeds.copy(), list(np.ndindex(seeds.shape))
-        for dy, dx in ((0, 1), (0, -1), (1, 0), (-1, 0), (0, 1), (0, -1)):
+        for turn, (dy, dx) in enumerate(((0, 1), (0, -1), (1, 0), (-1, 0), (0, 1), (0, -1))):
+            passing = passing if turn < 4 else passing & self.hidden
             for y, x in everywhere if dy + dx > 0 else reversed(everywhere):
                 source = y - dy, x - dx
                 if source in everywhere and reached[source] and passing[y, x]:
                     reached[y, x] |= self.leads_on(soft, source, (y, x))
         return reached
+
+    @property
+    def hidden(self):
+        return ~(self.rivals.u_shown | self.rivals.upload_shown)
 
     def bridges(self, reached, passing):
         """Every line of passing pixels between two that are reached, if it never turns."""
@@ -136,7 +141,7 @@ class Loops(NamedTuple):
             passing[at] = rivals.valid[at] and enough and self.judged(*at)[1] and smooth
         kept = rivals.valid & (self.patch_sizes(straight) > rule.largest_patch)
         reached = kept & self.walked(seeds, passing, straight | (grounds.edge < rule.soft_edge))
-        bridged = self.bridges(reached, passing)
+        bridged = self.bridges(reached, passing & self.hidden)
         share = (reached | bridged).astype(np.float32)
         for at in np.ndindex(uneven.shape):
             decided = self.judged(*at)[0]

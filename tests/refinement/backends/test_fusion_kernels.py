@@ -124,7 +124,8 @@ def loops(scene, rule):
         sizes[here] += 1
         if rivals.u_shown[y, x]:
             sums[(slice(5, 8), *here)] += 1, u, u * u
-        if not (rivals.u_shown[y, x] and rivals.upload_shown[y, x] and scene.matte[y, x]) or x - u <= rule.frame:
+        both_shown = rivals.u_shown[y, x] and rivals.upload_shown[y, x]
+        if not (both_shown and scene.matte[y, x]) or x - u <= rule.frame:
             continue
         vote = min(max((n - rule.clear[0]) / (rule.clear[1] - rule.clear[0]), 0), 1)
         sums[(slice(0, 2), *here)] += vote, vote * math.exp(-(((upload - u) / rule.tolerance) ** 2))

@@ -79,9 +79,10 @@ def choose(rivals: Rivals, grounds: Grounds, rule: ChoiceRule) -> Array:
     label = patches(upload, rivals.valid, rule.step, even)
     kept = rivals.valid & (np.bincount(label.ravel())[label] > rule.largest_patch)
     land = Land(settled.seeds, settled.passing, soft, upload)
-    land = land._replace(reached=walk_all_ways(land, rule.step))
+    hidden = settled.passing & ~(rivals.u_shown | rivals.upload_shown)
+    land = land._replace(reached=walk_all_ways(land, rule.step), passing=hidden)
     reached = walk_both_ways(land, rule.step) & kept
-    bridged = bridges(land._replace(reached=reached))
+    bridged = bridges(reached, hidden, upload)
     return np.where(settled.decided, settled.share, reached | bridged) * (kept | bridged)
 
 

@@ -57,13 +57,13 @@ def _walk_by(land: Land, step: float, turns: tuple[_Turn, ...]) -> Mask:
     return np.ascontiguousarray(land.reached)
 
 
-def bridges(land: Land) -> Mask:
+def bridges(reached: Mask, passing: Mask, u: Array) -> Mask:
     """Runs of passing pixels in a row or a column from one reached to another, only up or only down."""
-    found = np.zeros_like(land.reached)
+    land, found = Land(reached, passing | reached, reached, u), np.zeros_like(reached)
     for there, back in ((_as_it_is, _mirrored), (_turned, _turned_over)):
         (up, down), (up_back, down_back) = (_slopes(land, turn) for turn in (there, back))
         found |= (up & down_back) | (down & up_back)
-    return found & ~land.reached
+    return found & ~reached
 
 
 def _slopes(land: Land, turn: _Turn) -> tuple[Mask, Mask]:
