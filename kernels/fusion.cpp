@@ -7,10 +7,11 @@ namespace {
 
 Choice choice_of(const Rivals& rivals, float* share, EvidenceBuffers& buffers) {
     const long pixels = pixels_of(rivals.size);
-    reserve(buffers.marks, 5 * pixels);
+    reserve(buffers.marks, 8 * pixels);
     uint8_t* marks = buffers.marks.data();
     bool* flags = reinterpret_cast<bool*>(marks + pixels);
-    return {marks, flags, flags + pixels, flags + 2 * pixels, flags + 3 * pixels, share};
+    return {marks, flags, flags + pixels, flags + 2 * pixels, flags + 3 * pixels, flags + 4 * pixels, flags + 5 * pixels,
+            flags + 6 * pixels, share};
 }
 
 // The columns of the picture that a member walks down and up.
@@ -19,6 +20,19 @@ void walk_columns(const Terrain& terrain, int member, const Gang& gang, bool* re
     const LdrSweeps& sweeps = gang.crew.ldr;
     for (int y = 1; y < terrain.size.height; ++y) sweeps.reach_across(terrain, y - 1, y, columns, reached);
     for (int y = terrain.size.height - 2; y >= 0; --y) sweeps.reach_across(terrain, y + 1, y, columns, reached);
+}
+
+// Bridges along the member's rows, and down its columns.
+void build_bridges(const Terrain& terrain, int member, const Gang& gang, const FusionSweeps& sweeps,
+                   const Choice& choice) {
+    const Size size = terrain.size;
+    const Rows rows = gang.rows(member);
+    const Rows columns = band(size.width, member, gang.count);
+    uint8_t* scratch = gang.flags(member);
+    for (int y = rows.begin; y < rows.end; ++y)
+        sweeps.bridge(terrain, {y, {1, size.width}}, 1, choice.reached, scratch, choice.along);
+    for (int y = 1; y < size.height; ++y)
+        sweeps.bridge(terrain, {y, columns}, size.width, choice.reached, scratch, choice.across);
 }
 
 }  // namespace
@@ -61,8 +75,18 @@ void choose(const Rivals& rivals, const Grounds& grounds, const ChoiceRule& rule
             bool* small = gang.row_of_flags(member);
             std::fill(small, small + width, false);
             gang.crew.sweeps.flag_small(patches, width, y, rule.largest_patch, small);
-            crew.sweeps.conclude(rivals, y, small, choice);
+            crew.sweeps.narrow(rivals, y, choice);
+            gang.crew.ldr.reach_along(terrain, y, choice.reached);
+            crew.sweeps.sift(rivals, y, small, choice);
         }
+        const long first = static_cast<long>(rows.begin) * width;
+        const long last = static_cast<long>(rows.end) * width;
+        std::fill(choice.along + first, choice.along + last, false);
+        std::fill(choice.across + first, choice.across + last, false);
+        gang.meet();
+        build_bridges(terrain, member, gang, crew.sweeps, choice);
+        gang.meet();
+        for (int y = rows.begin; y < rows.end; ++y) crew.sweeps.conclude(rivals, y, choice);
     });
 }
 

@@ -25,7 +25,7 @@ void poll_row(const Rivals& in, const PollMarks& marks, const PollRule& rule, in
     const int width = in.size.width;
     const long o = offset_of(in.size, y);
     const float *upload = in.upload + o, *u = in.u + o, *n = in.for_u + o, *other = in.for_upload + o;
-    const uint8_t *valid = bytes_of(in.valid) + o, *shown = bytes_of(in.u_shown) + o;
+    const uint8_t *claimed = bytes_of(in.upload_shown) + o, *shown = bytes_of(in.u_shown) + o;
     const uint8_t *matte = bytes_of(marks.matte) + o, *spoilt = bytes_of(marks.spoilt) + o;
     float *voted = sums[0], *agreed = sums[1], *fair = sums[2], *lead = sums[3], *level = sums[4];
     float *seen = sums[5], *of_u = sums[6], *of_square = sums[7];
@@ -37,7 +37,7 @@ void poll_row(const Rivals& in, const PollMarks& marks, const PollRule& rule, in
         const float apart = upload[x] - u[x];
         const float share = apart * scale;
         const int inside = flag(static_cast<float>(x) - u[x] > limits.frame);
-        const float vote = ramp(n[x], limits.least, slope) * static_cast<float>(inside & valid[x] & shown[x] & matte[x]);
+        const float vote = ramp(n[x], limits.least, slope) * static_cast<float>(inside & claimed[x] & shown[x] & matte[x]);
         const float counts = vote * static_cast<float>(flag(fabsf(apart) < limits.near) & (1 - spoilt[x]));
         const float here = static_cast<float>(shown[x]);
         voted[x] += vote;
@@ -201,21 +201,74 @@ void settle(const Rivals& in, const Grounds& grounds, const ChoiceRule& rule, in
     }
 }
 
-void conclude(const Rivals& in, int y, const bool* small, const Choice& choice) {
+void narrow(const Rivals& in, int y, const Choice& choice) {
     const long o = offset_of(in.size, y);
-    const uint8_t *valid = bytes_of(in.valid) + o, *reached = bytes_of(choice.reached) + o, *gone = bytes_of(small);
+    const uint8_t *shown = bytes_of(in.upload_shown) + o, *u_shown = bytes_of(in.u_shown) + o;
+    uint8_t* passing = bytes_of(choice.passing) + o;
+    const int width = in.size.width;
+#pragma GCC ivdep
+    for (int x = 0; x < width; ++x) passing[x] &= static_cast<uint8_t>(1 - (shown[x] | u_shown[x]));
+}
+
+void sift(const Rivals& in, int y, const bool* small, const Choice& choice) {
+    const long o = offset_of(in.size, y);
+    const uint8_t *valid = bytes_of(in.valid) + o, *gone = bytes_of(small);
+    uint8_t *kept = bytes_of(choice.kept) + o, *reached = bytes_of(choice.reached) + o;
+    const int width = in.size.width;
+#pragma GCC ivdep
+    for (int x = 0; x < width; ++x) {
+        kept[x] = static_cast<uint8_t>(valid[x] & (1 - gone[x]));
+        reached[x] &= kept[x];
+    }
+}
+
+// How many pixels, of at most so many from i on, lead to a reached one only up or only down from the one before i.
+int bridge_from(const Terrain& land, long i, int step, int most, const bool* reached) {
+    bool rises = false;
+    bool falls = false;
+    for (int n = 0; n < most; ++n, i += step) {
+        rises |= land.u[i] > land.u[i - step];
+        falls |= land.u[i] < land.u[i - step];
+        if (rises & falls) return 0;
+        if (reached[i]) return n;
+        if (!land.passing[i]) return 0;
+    }
+    return 0;
+}
+
+void bridge(const Terrain& land, const Stretch& stretch, int step, const bool* reached, uint8_t* scratch, bool* out) {
+    const int count = stretch.columns.end - stretch.columns.begin;
+    const long o = offset_of(land.size, stretch.y) + stretch.columns.begin;
+    const uint8_t *here = bytes_of(reached) + o, *before = here - step, *passing = bytes_of(land.passing) + o;
+#pragma GCC ivdep
+    for (int x = 0; x < count; ++x) scratch[x] = static_cast<uint8_t>(before[x] & passing[x] & (1 - here[x]));
+    const uint8_t* at = scratch;
+    while ((at = static_cast<const uint8_t*>(memchr(at, 1, scratch + count - at)))) {
+        const int x = static_cast<int>(at++ - scratch);
+        const int most = step == 1 ? count - x : land.size.height - stretch.y;
+        const int length = bridge_from(land, o + x, step, most, reached);
+        for (int n = 0; n < length; ++n) out[o + x + static_cast<long>(n) * step] = true;
+    }
+}
+
+void conclude(const Rivals& in, int y, const Choice& choice) {
+    const long o = offset_of(in.size, y);
+    const uint8_t *kept = bytes_of(choice.kept) + o, *reached = bytes_of(choice.reached) + o;
+    const uint8_t *along = bytes_of(choice.along) + o, *across = bytes_of(choice.across) + o;
     float* share = choice.share + o;
     const int width = in.size.width;
 #pragma GCC ivdep
     for (int x = 0; x < width; ++x) {
-        const float walked = static_cast<float>(reached[x]);
+        const int bridged = along[x] | across[x];
+        const float walked = static_cast<float>(reached[x] | bridged);
         const float found = share[x] < 0.0f ? walked : share[x];
-        share[x] = found * static_cast<float>(valid[x] & (1 - gone[x]));
+        share[x] = found * static_cast<float>(kept[x] | bridged);
     }
 }
 
 }  // namespace
 
-extern const FusionSweeps FUSION_SWEEPS = {poll, look, settle, conclude, blur, widen, bend};
+extern const FusionSweeps FUSION_SWEEPS = {poll, look,  settle, narrow, sift,
+                                           bridge, conclude, blur, widen, bend};
 
 }  // namespace stereomend

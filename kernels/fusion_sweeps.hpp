@@ -73,6 +73,9 @@ struct Choice {
     bool* soft;
     bool* passing;
     bool* reached;
+    bool* kept;  // valid, and no small patch
+    bool* along;  // bridges along rows
+    bool* across;  // and along columns
     float* share;  // of the upload; below 0 where it is to be reached
 };
 
@@ -106,6 +109,12 @@ constexpr size_t widened_floats(int width, int planes) {
     return planes * (static_cast<size_t>(width) + 3 * kCell) + 2 * (static_cast<size_t>(width) / kCell + 2);
 }
 
+// A row, or a part of it.
+struct Stretch {
+    int y;
+    Rows columns;
+};
+
 struct FusionSweeps {
     // Writes row `row` of the cells' means [out, kPolls planes of `plane` cells each]; scratch: kPolls * width.
     void (*poll)(const Rivals&, const PollMarks&, const PollRule&, int row, float* scratch, long plane, double* out);
@@ -113,8 +122,15 @@ struct FusionSweeps {
     void (*look)(const Rivals&, const ChoiceRule&, int y, uint8_t* scratch, const Choice&);
     // Writes row y of `soft`, `passing`, `reached` (its seeds) and `share`; scratch: 4 * (width + 4).
     void (*settle)(const Rivals&, const Grounds&, const ChoiceRule&, int y, float* scratch, const Choice&);
-    // Completes row y of the share [in/out]: what is reached, without small patches.
-    void (*conclude)(const Rivals&, int y, const bool* small, const Choice&);
+    // Leaves passing in row y only what neither map shows.
+    void (*narrow)(const Rivals&, int y, const Choice&);
+    // Writes row y of `kept`, and leaves only that reached.
+    void (*sift)(const Rivals&, int y, const bool* small, const Choice&);
+    // Sets bridges [out] that begin in a stretch and follow a row (`step` 1) or a column (`step` width): pixels that
+    // are passing and lead from one reached pixel to another only up or only down. Scratch: width.
+    void (*bridge)(const Terrain&, const Stretch&, int step, const bool* reached, uint8_t* scratch, bool* out);
+    // Completes row y of the share [in/out]: what is reached or a bridge, without small patches.
+    void (*conclude)(const Rivals&, int y, const Choice&);
     // Averages cells under a window [out]; borders are mirrored.
     void (*blur)(const double* plane, Size cells, const Taps&, double* scratch, double* out);
     // Writes row y of the pixels of a picture, linear between the centres of its cells.

@@ -1,5 +1,6 @@
 """The share of the upload: the rules of R10 pixel by pixel, by plain loops, and one by one."""
 
+import itertools
 from fractions import Fraction
 from typing import NamedTuple
 
@@ -85,14 +86,34 @@ class Loops(NamedTuple):
         return soft[source] or soft[target] or abs(float(u[source]) - float(u[target])) <= self.rule.step
 
     def walked(self, seeds, passing, soft):
-        """Along rows right and left, then along columns down and up."""
+        """Along rows right and left, columns down and up, and, where both maps are hidden, rows again."""
         reached, everywhere = seeds.copy(), list(np.ndindex(seeds.shape))
-        for dy, dx in ((0, 1), (0, -1), (1, 0), (-1, 0)):
+        for turn, (dy, dx) in enumerate(((0, 1), (0, -1), (1, 0), (-1, 0), (0, 1), (0, -1))):
+            passing = passing if turn < 4 else passing & self.hidden
             for y, x in everywhere if dy + dx > 0 else reversed(everywhere):
                 source = y - dy, x - dx
                 if source in everywhere and reached[source] and passing[y, x]:
                     reached[y, x] |= self.leads_on(soft, source, (y, x))
         return reached
+
+    @property
+    def hidden(self):
+        return ~(self.rivals.u_shown | self.rivals.upload_shown)
+
+    def bridges(self, reached, passing):
+        """Every line of passing pixels between two that are reached, if it never turns."""
+        found = np.zeros_like(reached)
+        for plane, flags, ways, u in (
+            (found, reached, passing, self.rivals.upload),
+            (found.T, reached.T, passing.T, self.rivals.upload.T),
+        ):
+            for y, row in enumerate(flags):
+                ends = np.flatnonzero(row)
+                for a, b in itertools.pairwise(ends):
+                    steps = np.diff(u[y, a : b + 1])
+                    if ways[y, a + 1 : b].all() and ((steps >= 0).all() or (steps <= 0).all()):
+                        plane[y, a + 1 : b] = True
+        return found
 
     def patch_sizes(self, straight):
         """By filling."""
@@ -118,11 +139,14 @@ class Loops(NamedTuple):
             seeds[at] = enough and self.is_near(*at) and rivals.u_shown[at] and rivals.upload_shown[at]
             smooth = not self.is_rough(*at, uneven)
             passing[at] = rivals.valid[at] and enough and self.judged(*at)[1] and smooth
-        share = self.walked(seeds, passing, straight | (grounds.edge < rule.soft_edge)).astype(np.float32)
+        kept = rivals.valid & (self.patch_sizes(straight) > rule.largest_patch)
+        reached = kept & self.walked(seeds, passing, straight | (grounds.edge < rule.soft_edge))
+        bridged = self.bridges(reached, passing & self.hidden)
+        share = (reached | bridged).astype(np.float32)
         for at in np.ndindex(uneven.shape):
             decided = self.judged(*at)[0]
             share[at] = share[at] if decided is None else decided
-        return share * (rivals.valid & (self.patch_sizes(straight) > rule.largest_patch))
+        return share * (kept | bridged)
 
 
 @st.composite

@@ -141,6 +141,71 @@ def test_a_slope_down_the_picture_is_straight_too(backend):
 
 
 @EVERY_BACKEND
+def test_what_lies_round_two_corners_is_reached(backend):
+    """Along a row, a column and a row again: so run hidden surfaces that cross the picture aslant.
+
+    The last of these only where neither map is shown.
+    """
+    rows = np.arange(SIZE[0])[:, None]
+    way = ((rows == 4) & (X < 30)) | ((rows >= 4) & (rows <= 18) & (X == 29)) | ((rows == 18) & (X >= 29))
+    seen, free = np.broadcast_to(X < 20, SIZE), RULE._replace(rough_share=1)
+    facts = {"valid": way, "u_shown": seen}
+    assert (unseen(backend, 5, rule=free, upload_shown=way & seen, **facts) == way).all()
+    assert (
+        unseen(backend, 5, rule=free, upload_shown=way, **facts) == (way & ~((rows == 18) & (X > 29)))
+    ).all()
+    more = way | ((rows > 18) & (X == 40))
+    facts["valid"] = more
+    assert (unseen(backend, 5, rule=free, upload_shown=more & seen, **facts) == way).all()
+
+
+def between(middle):
+    """Two surfaces that GDR sees, 5 and 20 px, with something in the 5 columns of `middle` between them."""
+    upload = np.where(X < 22, 5.0, 20.0)
+    upload[20:25] = middle
+    return upload, np.broadcast_to((X < 20) | (X >= 25), SIZE)
+
+
+SMEARED = {
+    "a blurred edge": ([6, 9, 12.5, 16, 19], 1),
+    "stairs": ([5, 5, 12, 12, 20], 1),
+    "higher than both": ([6, 9, 21, 16, 19], 0),
+    "lower than both": ([4, 9, 12, 16, 19], 0),
+    "up, down and up": ([6, 16, 9, 12, 19], 0),
+}
+
+
+@EVERY_BACKEND
+@pytest.mark.parametrize("name", SMEARED)
+@pytest.mark.parametrize("way", [1, -1])
+@pytest.mark.parametrize("turned", [False, True])
+def test_what_leads_from_one_surface_to_another_only_up_or_only_down_is_believed(backend, name, way, turned):
+    """Left of the right image's frame, where no slope counts as straight."""
+    middle, share = SMEARED[name]
+    upload, seen = between(middle)
+    upload, shown = (np.broadcast_to(plane, SIZE)[:, ::way] for plane in (upload + 40, seen))
+    u = np.where(shown, upload, 1)
+    planes = [np.ascontiguousarray(plane.T if turned else plane) for plane in (upload, u, shown)]
+    facts = told(planes[0].shape, upload=planes[0], u=planes[1], u_shown=planes[2], upload_shown=planes[2])
+    found = backend.choose(*facts, RULE._replace(rough_share=1))
+    assert (found[planes[2]] == 1).all()
+    assert (found[~planes[2]] == share).all()
+
+
+@EVERY_BACKEND
+@pytest.mark.parametrize("map_shown", ["u_shown", "upload_shown"])
+def test_no_bridge_leads_over_what_a_map_shows_or_to_a_small_patch(backend, map_shown):
+    upload, seen = between([6, 9, 12.5, 16, 19])
+    facts = {"upload": upload + 40, "u": np.where(seen, upload + 40, 1), "for_u": np.where(seen, 0.6, 0)}
+    facts |= {"u_shown": seen, "upload_shown": seen}
+    free = RULE._replace(rough_share=1)
+    assert backend.choose(*told(**facts), free).all()
+    assert (backend.choose(*told(**facts), free._replace(largest_patch=20 * SIZE[0])) == (X >= 25)).all()
+    facts[map_shown] = seen | (X == 22)
+    assert (backend.choose(*told(**facts), free) == seen).all()
+
+
+@EVERY_BACKEND
 def test_a_fold_of_exactly_the_step_is_straight_and_a_sharper_one_is_not(backend):
     """A slope of 1.25 px that turns by so much at every pixel, up and down."""
     rule = RULE._replace(step=0.75)

@@ -124,7 +124,8 @@ def loops(scene, rule):
         sizes[here] += 1
         if rivals.u_shown[y, x]:
             sums[(slice(5, 8), *here)] += 1, u, u * u
-        if not (rivals.u_shown[y, x] and rivals.valid[y, x] and scene.matte[y, x]) or x - u <= rule.frame:
+        both_shown = rivals.u_shown[y, x] and rivals.upload_shown[y, x]
+        if not (both_shown and scene.matte[y, x]) or x - u <= rule.frame:
             continue
         vote = min(max((n - rule.clear[0]) / (rule.clear[1] - rule.clear[0]), 0), 1)
         sums[(slice(0, 2), *here)] += vote, vote * math.exp(-(((upload - u) / rule.tolerance) ** 2))
@@ -149,8 +150,9 @@ def test_polls_are_means_over_cells_of_what_pixels_vote(size, backend):
     ("change", "votes", "fair"),
     [
         ({}, 1, 1),
-        ({"valid": False}, 0, 0),
+        ({"valid": False, "upload_shown": False}, 0, 0),
         ({"u_shown": False}, 0, 0),
+        ({"upload_shown": False, "upload": 30}, 0, 0),
         ({"matte": False}, 0, 0),
         ({"spoilt": True}, 1, 0),
         ({"for_u": 0.3}, 0, 0),

@@ -20,7 +20,7 @@ from stereomend.refinement.backends.data import (
     Rivals,
 )
 from stereomend.refinement.backends.reference_evidence import mean_5x5, patches, range_3x3, sample
-from stereomend.refinement.backends.reference_search import Land, walk_all_ways
+from stereomend.refinement.backends.reference_search import Land, bridges, walk_all_ways, walk_both_ways
 
 Array = npt.NDArray[np.float64]
 
@@ -37,7 +37,7 @@ def poll(rivals: Rivals, matte: Mask, spoilt: Mask, rule: PollRule) -> Polls:
     """See `Backend.poll`."""
     upload, u, n = (np.asarray(plane, np.float64) for plane in (rivals.upload, rivals.u, rivals.for_u))
     inside = np.arange(u.shape[1]) - u > rule.frame
-    votes = ramp(n, *rule.clear) * (rivals.u_shown & rivals.valid & matte & inside)
+    votes = ramp(n, *rule.clear) * (rivals.u_shown & rivals.upload_shown & matte & inside)
     agreeing = votes * np.exp(-(((upload - u) / rule.tolerance) ** 2))
     fair = votes * (near(rivals, rule.near) & ~spoilt)
     shown = rivals.u_shown.astype(np.float64)
@@ -76,10 +76,14 @@ def choose(rivals: Rivals, grounds: Grounds, rule: ChoiceRule) -> Array:
     upload = np.asarray(rivals.upload, np.float64)
     settled, even = _settle(rivals, grounds, rule), straight(upload, rule.step)
     soft = even | (grounds.edge < rule.soft_edge)
-    reached = walk_all_ways(Land(settled.seeds, settled.passing, soft, upload), rule.step)
     label = patches(upload, rivals.valid, rule.step, even)
     kept = rivals.valid & (np.bincount(label.ravel())[label] > rule.largest_patch)
-    return np.where(settled.decided, settled.share, reached) * kept
+    land = Land(settled.seeds, settled.passing, soft, upload)
+    hidden = settled.passing & ~(rivals.u_shown | rivals.upload_shown)
+    land = land._replace(reached=walk_all_ways(land, rule.step), passing=hidden)
+    reached = walk_both_ways(land, rule.step) & kept
+    bridged = bridges(reached, hidden, upload)
+    return np.where(settled.decided, settled.share, reached | bridged) * (kept | bridged)
 
 
 def _settle(rivals: Rivals, grounds: Grounds, rule: ChoiceRule) -> _Settled:

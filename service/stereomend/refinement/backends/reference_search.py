@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,6 +29,9 @@ def unknown_runs(known: Mask) -> list[tuple[int, int, int]]:
     return runs
 
 
+_Turn = Callable[[npt.NDArray[Any]], npt.NDArray[Any]]
+
+
 class Land(NamedTuple):
     """What can be walked on, each (H, W), as `Backend.reach` says."""
 
@@ -39,9 +43,41 @@ class Land(NamedTuple):
 
 def walk_all_ways(land: Land, step: float) -> Mask:
     """What can be reached along rows right and left, then columns down and up."""
-    for turn in (_as_it_is, _mirrored, _turned, _turned_over):
+    return _walk_by(land, step, (_as_it_is, _mirrored, _turned, _turned_over))
+
+
+def walk_both_ways(land: Land, step: float) -> Mask:
+    """What can be reached along rows right and left."""
+    return _walk_by(land, step, (_as_it_is, _mirrored))
+
+
+def _walk_by(land: Land, step: float, turns: tuple[_Turn, ...]) -> Mask:
+    for turn in turns:
         land = land._replace(reached=turn(walk(Land(*map(turn, land)), step)))
     return np.ascontiguousarray(land.reached)
+
+
+def bridges(reached: Mask, passing: Mask, u: Array) -> Mask:
+    """Runs of passing pixels in a row or a column from one reached to another, only up or only down."""
+    land, found = Land(reached, passing | reached, reached, u), np.zeros_like(reached)
+    for there, back in ((_as_it_is, _mirrored), (_turned, _turned_over)):
+        (up, down), (up_back, down_back) = (_slopes(land, turn) for turn in (there, back))
+        found |= (up & down_back) | (down & up_back)
+    return found & ~reached
+
+
+def _slopes(land: Land, turn: _Turn) -> tuple[Mask, Mask]:
+    """What can be reached along rows of the turned land only up, and only down."""
+    turned = Land(*map(turn, land))
+    up, down = (turn(_climb(turned._replace(u=sign * turned.u))) for sign in (1, -1))
+    return up, down
+
+
+def _climb(land: Land) -> Mask:
+    reached = land.reached.copy()
+    for x in range(1, reached.shape[1]):
+        reached[:, x] |= reached[:, x - 1] & land.passing[:, x] & (land.u[:, x] >= land.u[:, x - 1])
+    return reached
 
 
 def _as_it_is(plane: npt.NDArray[Any]) -> npt.NDArray[Any]:
