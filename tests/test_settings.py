@@ -33,10 +33,15 @@ def test_keys_come_separated_by_commas_and_are_not_printed(monkeypatch):
     assert "first-key" not in repr(settings)
 
 
-def test_other_addresses_than_loopback_need_a_key():
-    with pytest.raises(ConfigurationError, match=r"0\.0\.0\.0.*STEREOMEND_API_KEYS"):
-        load_settings(host="0.0.0.0")
-    assert load_settings(host="0.0.0.0", api_keys="secret").host == "0.0.0.0"
+def test_other_addresses_than_loopback_are_reachable():
+    assert load_settings(host="0.0.0.0").reachable
+    assert not any(load_settings(host=host).reachable for host in ("127.0.0.1", "::1", "localhost"))
+
+
+@pytest.mark.parametrize("given", ["tls_certfile", "tls_keyfile"])
+def test_a_certificate_and_its_key_come_together(given):
+    with pytest.raises(ConfigurationError, match="expected both or none"):
+        load_settings(**{given: "server.pem"})
 
 
 @pytest.mark.parametrize(
@@ -66,6 +71,6 @@ def test_the_readme_and_the_help_know_every_setting():
         [sys.executable, "-m", "stereomend", "serve", "--help"], capture_output=True, text=True, check=True
     ).stdout
     for name, field in Settings.model_fields.items():
-        default = "" if field.default == () else f"`{field.default}`"
+        default = "" if field.default in ((), None) else f"`{field.default}`"
         assert f"| `{name}` | {default} | {field.description} |" in readme
         assert f"--{name.replace('_', '-')} " in shown

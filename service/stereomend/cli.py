@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from stereomend import keys
 from stereomend.errors import AccessDenied, ConfigurationError, InputError, InvalidParameter, StereomendError
 
 if TYPE_CHECKING:
@@ -75,6 +76,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     _add_evaluate(commands.add_parser("evaluate", help="score disparity maps on a dataset, raw and refined"))
     _add_doctor(commands.add_parser("doctor", help="say what this machine has, and what is missing"))
+    keys.add_to(commands.add_parser("keys", help="make, list and revoke API keys"))
     return parser
 
 

@@ -8,14 +8,13 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from stereomend.api.server import background_server
+from stereomend.api.server import passing_server
 from stereomend.client import Client
 from stereomend.codec import PREVIEW_TYPE, Span, colourise, encode_result
 from stereomend.disparity import FloatMap, Image, Provenance, RefinementResult
 from stereomend.evaluation.metrics import Scores, score
 from stereomend.opencv import cv2
 from stereomend.phantom import Phantom, break_disparity, make_phantom
-from stereomend.settings import load_settings
 
 SEED = 7
 RUNS = (
@@ -51,7 +50,7 @@ def run_demo(folder: Path) -> Path:
     """
     phantom = make_phantom(SEED, instrument=True)
     upload = break_disparity(phantom, SEED).values
-    with background_server(load_settings(host="127.0.0.1", port=0)) as url, Client(url) as client:
+    with passing_server() as url, Client(url) as client:
         print(
             f"A phantom of {phantom.pair.shape[1]} x {phantom.pair.shape[0]} px, refined over HTTP by {url}\n"
         )

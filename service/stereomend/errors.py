@@ -23,7 +23,7 @@ StereomendError
 |     |- JobFailed           a job ended without a result
 |     `- JobCancelled        a job was cancelled, before it had a result
 |- AccessDenied              the API key is missing or wrong
-|  `- Forbidden              the request names another host or comes from another origin's web page
+|  `- Forbidden              the API key may not do this, or a web page of another origin asks
 |- Unavailable               the same request may do later
 |  |- QueueFull              more requests wait than the server holds
 |  |  `- QuotaExceeded       more jobs of this key wait or run than it may have
@@ -207,7 +207,7 @@ class AccessDenied(StereomendError):
 
 
 class Forbidden(AccessDenied):
-    """Raised when a request names another host or comes from a web page of another origin."""
+    """Raised when a key lacks the scope, or a web page of another host or origin asks."""
 
     slug = "forbidden"
     title = "Forbidden"

@@ -53,6 +53,12 @@ class Settings(BaseSettings):
     api_keys: Annotated[tuple[SecretStr, ...], NoDecode] = Field(
         (), description="accepted keys, comma-separated"
     )
+    tls_certfile: Annotated[Path, AfterValidator(Path.expanduser)] | None = Field(
+        None, description="PEM file of the certificate and those above it; serves https"
+    )
+    tls_keyfile: Annotated[Path, AfterValidator(Path.expanduser)] | None = Field(
+        None, description="PEM file of the certificate's private key, not encrypted"
+    )
     log_format: Literal["text", "json"] = Field("text", description="form of the log lines")
 
     @field_validator("api_keys", mode="before")
@@ -60,14 +66,21 @@ class Settings(BaseSettings):
     def _split(cls, keys: object) -> object:
         return tuple(key.strip() for key in keys.split(",") if key.strip()) if isinstance(keys, str) else keys
 
+    @field_validator("tls_certfile", "tls_keyfile", mode="before")
+    @classmethod
+    def _none_if_empty(cls, path: object) -> object:
+        return None if path == "" else path
+
     @model_validator(mode="after")
-    def _guarded(self) -> Settings:
-        if self.host not in LOOPBACK and not self.api_keys:
-            raise ValueError(
-                f"host {self.host} is reachable from other machines and no API key is set; "
-                "set STEREOMEND_API_KEYS or listen on 127.0.0.1"
-            )
+    def _whole(self) -> Settings:
+        if (self.tls_certfile is None) != (self.tls_keyfile is None):
+            raise ValueError("tls_certfile and tls_keyfile: one is set; expected both or none")
         return self
+
+    @property
+    def reachable(self) -> bool:
+        """Whether other machines may reach the address."""
+        return self.host not in LOOPBACK
 
     @property
     def threads_per_worker(self) -> int:

@@ -22,6 +22,7 @@ ROUTES = {
     ("get", "/v1/presets"): "200 401 403",
     ("get", "/livez"): "200",
     ("get", "/readyz"): "200 503",
+    ("get", "/metrics"): "200 401 403 503",
 }
 
 

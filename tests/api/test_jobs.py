@@ -130,7 +130,7 @@ def test_a_long_poll_ends_without_a_change(serving, submit, occupy):
             assert answer.headers["Preference-Applied"] == "wait=1"
 
 
-def test_a_long_poll_of_what_the_client_does_not_know_answers_at_once(server, endless, done):
+def test_a_long_poll_of_what_the_client_does_not_know_answers_at_once(server, done, endless):
     assert get(server, endless, timeout=5, Prefer="wait=60", If_None_Match='"0"').status_code == 200
     assert get(server, done, timeout=5, Prefer="wait=60").status_code == 200
     assert get(server, done, timeout=5, Prefer="wait=60", If_None_Match="*").status_code == 304

@@ -62,6 +62,7 @@ class Problem(Response):
     def __init__(self, error: StereomendError, scope: Scope, status: int | None = None) -> None:
         status = status or status_of(type(error))
         document = problem_document(error, scope["state"]["request_id"]) | {"status": status}
+        scope["state"]["problem"] = error.slug
         # Escaped, since a detail may quote half a surrogate pair that a client sent.
         body = json.dumps(document).encode()
         super().__init__(body, status, _headers(error, status, scope))

@@ -14,6 +14,7 @@ import uvicorn
 
 from stereomend.api.app import create_app, running
 from stereomend.api.state import Service
+from stereomend.api.tls import tls_context
 from stereomend.errors import ConfigurationError
 from stereomend.jobs.logs import configure_logging
 from stereomend.jobs.memory import keep_freed_memory
@@ -55,6 +56,7 @@ class _Server(uvicorn.Server):
 
 
 async def _serve(settings: Settings, listener: socket.socket, lifeline: socket.socket) -> None:
+    tls = tls_context(settings)
     app = create_app(settings)
     # The lifespan is run here and not by uvicorn, which would swallow a ConfigurationError.
     config = uvicorn.Config(
@@ -64,6 +66,7 @@ async def _serve(settings: Settings, listener: socket.socket, lifeline: socket.s
         access_log=False,
         server_header=False,
         timeout_graceful_shutdown=round(STOP_S),
+        ssl_context_factory=(lambda config, default: tls) if tls else None,
     )
     async with running(app):
         lifeline.send(READY)

@@ -18,7 +18,7 @@ from typing import IO, Any
 from stereomend.errors import ConfigurationError, NotReady
 from stereomend.jobs.logs import configure_logging
 from stereomend.jobs.supervisor import Supervised, Supervisor
-from stereomend.settings import Settings
+from stereomend.settings import Settings, load_settings
 
 _ANNOUNCEMENT = "Stereomend listens on "
 _STOP_S = 20.0
@@ -35,7 +35,7 @@ def serve(settings: Settings) -> int:
     """
     configure_logging(settings.log_format)
     with _listening(settings) as listener:
-        line = f"{_ANNOUNCEMENT}{_url(listener)}"
+        line = f"{_ANNOUNCEMENT}{_url(listener, 'https' if settings.tls_certfile else 'http')}"
         supervised = Supervised(
             command=[sys.executable, "-m", "stereomend.api"],
             environment=os.environ | as_environment(settings),
@@ -86,12 +86,30 @@ def background_server(settings: Settings, log: IO[Any] | None = None) -> Generat
             yield server.url
 
 
+@contextmanager
+def passing_server(**settings: Any) -> Generator[str, None, None]:
+    """Run a server on a free port without keys, with a data folder that goes with it, and give its URL.
+
+    Raises:
+        NotReady: as `server_process`.
+    """
+    alone = {"host": "127.0.0.1", "port": 0, "api_keys": "", "tls_certfile": "", "tls_keyfile": ""}
+    with (
+        TemporaryDirectory(prefix="stereomend-") as folder,
+        background_server(load_settings(data_dir=folder, **alone, **settings)) as url,
+    ):
+        yield url
+
+
 def as_environment(settings: Settings) -> dict[str, str]:
     """Give settings as the variables that `load_settings` reads in another process."""
     values = settings.model_dump(exclude={"api_keys"}) | {
         "api_keys": ",".join(key.get_secret_value() for key in settings.api_keys)
     }
-    return {f"STEREOMEND_{name.upper()}": str(value) for name, value in values.items() if value is not None}
+    # Empty is none, and hides what the environment says.
+    return {
+        f"STEREOMEND_{name.upper()}": "" if value is None else str(value) for name, value in values.items()
+    }
 
 
 def _listening(settings: Settings) -> socket.socket:
@@ -110,9 +128,9 @@ def _listening(settings: Settings) -> socket.socket:
         ) from error
 
 
-def _url(listener: socket.socket) -> str:
+def _url(listener: socket.socket, scheme: str) -> str:
     host, port, *_ = listener.getsockname()
-    return f"http://[{host}]:{port}" if ":" in host else f"http://{host}:{port}"
+    return f"{scheme}://[{host}]:{port}" if ":" in host else f"{scheme}://{host}:{port}"
 
 
 def _announced(process: subprocess.Popen[str]) -> str:

@@ -7,6 +7,7 @@ from typing import Annotated, cast
 
 from fastapi import Depends, Request
 
+from stereomend.jobs.meters import Meters
 from stereomend.jobs.pool import WorkerPool
 from stereomend.jobs.service import JobService
 from stereomend.settings import Settings
@@ -14,11 +15,12 @@ from stereomend.settings import Settings
 
 @dataclass(frozen=True)
 class Service:
-    """The settings of this server, its workers, and its jobs."""
+    """The settings of this server, its workers, its jobs, and what was counted."""
 
     settings: Settings
     pool: WorkerPool
     jobs: JobService
+    meters: Meters
 
 
 async def _service(request: Request) -> Service:

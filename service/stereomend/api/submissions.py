@@ -30,5 +30,6 @@ async def read_submission(request: Request, settings: Settings, owner: str) -> S
         owner=owner,
         request_id=request.state.request_id,
         idempotency_key=key,
+        traceparent=getattr(request.state, "traceparent", None),
         **options.model_dump(),
     )

@@ -8,13 +8,12 @@ from time import perf_counter
 
 import numpy as np
 
-from stereomend.api.server import background_server
+from stereomend.api.server import passing_server
 from stereomend.bench.cases import WxH, broken_phantom
 from stereomend.client import Client
 from stereomend.disparity import FloatMap, Image
 from stereomend.jobs.task import TIMINGS
 from stereomend.opencv import cv2
-from stereomend.settings import load_settings
 
 _WARM_UP = 3
 
@@ -53,8 +52,7 @@ class HttpTimes:
 def time_http(size: WxH, preset: str, requests: int, threads: int = 0) -> HttpTimes:
     """Run a server and be its client (raises NotReady if it does not start)."""
     files = _files(size)
-    settings = load_settings(host="127.0.0.1", port=0, threads=threads)
-    with background_server(settings) as url, Client(url) as client:
+    with passing_server(threads=threads) as url, Client(url) as client:
         answers = [_request(client, files, preset) for _ in range(_WARM_UP + requests)]
     times = [times for times, _ in answers[_WARM_UP:]]
     return HttpTimes(

@@ -9,10 +9,11 @@ import asyncio
 import logging
 import math
 from collections import deque
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from time import perf_counter
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 from stereomend.errors import (
     ConfigurationError,
@@ -22,6 +23,7 @@ from stereomend.errors import (
     QueueFull,
     StereomendError,
 )
+from stereomend.jobs.listener import Listener
 from stereomend.jobs.process import WorkerProcess, crashed
 from stereomend.jobs.records import Progress
 from stereomend.jobs.task import Answer, Task
@@ -39,11 +41,20 @@ GRACE_S = 5.0
 """What `stop` leaves to the tasks that run."""
 
 
+class Depth(NamedTuple):
+    """How many requests wait and run, and how long the oldest has waited [s]."""
+
+    waiting: int
+    running: int
+    oldest_s: float
+
+
 class WorkerPool:
     """Runs `settings.workers` workers from `start` to `stop`, both on the loop that submits."""
 
-    def __init__(self, settings: Settings) -> None:
+    def __init__(self, settings: Settings, listeners: Sequence[Listener] = ()) -> None:
         self._settings = settings
+        self._listeners = listeners
         self._plan = WorkerPlan.of(settings)
         self._up: list[WorkerProcess] = []
         self._idle: deque[WorkerProcess] = deque()
@@ -69,6 +80,13 @@ class WorkerPool:
     def workers_up(self) -> int:
         """The number of workers that are ready or at work."""
         return len(self._up)
+
+    @property
+    def depth(self) -> Depth:
+        """What waits and runs now for somebody who waits for it; the ledger knows of jobs."""
+        waiting = self._waiting.requests
+        running = sum(ticket.request and not ticket.durable for ticket in self._at_work)
+        return Depth(len(waiting), running, perf_counter() - waiting[0].queued_at if waiting else 0.0)
 
     @property
     def pace_s(self) -> float:
@@ -218,6 +236,9 @@ class WorkerPool:
         self._note_welcome()
         await asyncio.wait([worker.died, *(task for task, its in self._running.items() if its is worker)])
         await worker.dispose()
+        if not self._stopping:
+            for listener in self._listeners:
+                listener.worker_ended()
         level = logging.INFO if self._stopping else logging.WARNING
         log.log(level, "a worker ended with exit code %s", worker.exitcode)
 
@@ -276,6 +297,8 @@ class WorkerPool:
             worker.give_up(lease_s)
 
     def _done(self, worker: WorkerProcess, ticket: Ticket, outcome: Answer | StereomendError) -> None:
+        for listener in self._listeners:
+            listener.answered(ticket.task, outcome)
         _settle(ticket.answer, outcome)
         if isinstance(outcome, Answer):
             self._pace_s += 0.2 * (perf_counter() - ticket.started_at - self._pace_s)

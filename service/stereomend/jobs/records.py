@@ -77,6 +77,8 @@ class NewJob:
     keep_inputs: bool = False
     idempotency_key: str | None = None
     request_id: str = "-"
+    traceparent: str | None = None
+    """As `Task.traceparent`."""
 
 
 @dataclass(frozen=True)
@@ -126,6 +128,7 @@ class Claim:
     keep_inputs: bool
     request_id: str
     created_at: datetime
+    traceparent: str | None = None
 
 
 @dataclass(frozen=True)

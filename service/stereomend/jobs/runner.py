@@ -8,7 +8,7 @@ import logging
 from collections.abc import Callable
 from contextlib import suppress
 from time import monotonic
-from typing import TypeVar
+from typing import Protocol, TypeVar
 
 from stereomend.codec import STORED_TYPE
 from stereomend.errors import (
@@ -127,7 +127,7 @@ class Runner:
 
     def _task(self, claim: Claim) -> Task:
         files = unpack(self._store.blobs.get(inputs_blob(claim.id)))
-        return task_of(files, RefineParams.model_validate(claim.params), claim.request_id)
+        return task_of(files, RefineParams.model_validate(claim.params), claim)
 
     async def _attend(self, claim: Claim, ticket: Ticket) -> None:
         renewing = asyncio.create_task(self._renew(claim, ticket))
@@ -217,7 +217,19 @@ class Runner:
             await asyncio.sleep(_RETRY_S)
 
 
-def task_of(files: Files, params: RefineParams, request_id: str) -> Task:
+class Origin(Protocol):
+    """What a task is to be known by: a claim or a submission."""
+
+    @property
+    def request_id(self) -> str:
+        """For log lines."""
+
+    @property
+    def traceparent(self) -> str | None:
+        """As `Task.traceparent`."""
+
+
+def task_of(files: Files, params: RefineParams, origin: Origin) -> Task:
     """The task of a job: its answer is stored and holds everything."""
     return Task(
         files.left,
@@ -226,7 +238,8 @@ def task_of(files: Files, params: RefineParams, request_id: str) -> Task:
         mask=files.mask,
         params=params,
         media_type=STORED_TYPE,
-        request_id=request_id,
+        request_id=origin.request_id,
+        traceparent=origin.traceparent,
     )
 
 

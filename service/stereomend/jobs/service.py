@@ -6,7 +6,7 @@ import asyncio
 import hashlib
 import logging
 import math
-from collections.abc import Awaitable, Callable, Coroutine
+from collections.abc import Awaitable, Callable, Coroutine, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
@@ -30,6 +30,7 @@ from stereomend.errors import (
 from stereomend.jobs.blobs import pack
 from stereomend.jobs.changes import Changes
 from stereomend.jobs.ledger import Accepted, Page, Stats
+from stereomend.jobs.listener import Listener
 from stereomend.jobs.pool import GRACE_S, WorkerPool
 from stereomend.jobs.records import JobRecord, JobState, NewJob, inputs_blob
 from stereomend.jobs.runner import Runner, task_of
@@ -62,6 +63,8 @@ class Submission:
     owner: str
     """The id of a key; `local` where there are none."""
     request_id: str = "-"
+    traceparent: str | None = None
+    """As `Task.traceparent`."""
     priority: int = 0
     deadline_s: float | None = None
     """Seconds from now after which it need not be begun any more."""
@@ -82,8 +85,9 @@ class JobService:
     Whoever asks with an owner is told of no other's jobs; None sees all.
     """
 
-    def __init__(self, settings: Settings, pool: WorkerPool) -> None:
+    def __init__(self, settings: Settings, pool: WorkerPool, listeners: Sequence[Listener] = ()) -> None:
         self._settings = settings
+        self._listeners = listeners
         self._pool = pool
         self._changes = Changes()
         self._in_flight: set[tuple[str, str]] = set()
@@ -98,7 +102,7 @@ class JobService:
         Raises:
             ConfigurationError: the data folder cannot be used.
         """
-        store = await asyncio.to_thread(Store, self._settings)
+        store = await asyncio.to_thread(Store, self._settings, self._job_ended)
         runner = Runner(store, self._pool, self._settings, self._changes)
         self._opened = store, runner
         if found := await store.ask(store.ledger.recover):
@@ -152,7 +156,7 @@ class JobService:
             QueueFull, NotReady, WorkerCrashed, WorkLimitExceeded, InputError: as `WorkerPool.submit`.
             All that `submit` raises: when it becomes a job.
         """
-        task = task_of(submission.files, submission.params, submission.request_id)
+        task = task_of(submission.files, submission.params, submission)
         if wait_s is None:
             with self._alone(submission):
                 return await self._pool.submit(replace(task, media_type=media_type))
@@ -338,6 +342,10 @@ class JobService:
         body = await asyncio.to_thread(render, answer.body, media_type, outputs)
         return replace(answer, body=body, media_type=media_type)
 
+    def _job_ended(self, state: JobState) -> None:
+        for listener in self._listeners:
+            listener.job_ended(state)
+
     async def _reap(self) -> None:
         reaped = await self._store.ask(self._store.ledger.reap)
         for id in (*reaped.queued, *reaped.ended):
@@ -391,6 +399,7 @@ def _new_job(submission: Submission, max_pixels: int) -> tuple[NewJob, list[byte
         keep_inputs=submission.keep_inputs,
         idempotency_key=submission.idempotency_key,
         request_id=submission.request_id,
+        traceparent=submission.traceparent,
     )
     return job, chunks
 

@@ -13,8 +13,8 @@ from typing import ParamSpec, TypeVar
 
 from stereomend.errors import ConfigurationError, DiskFull
 from stereomend.jobs.blobs import BlobStore
-from stereomend.jobs.ledger import Ledger
-from stereomend.jobs.records import Room
+from stereomend.jobs.folder import open_ledger
+from stereomend.jobs.records import JobState, Room
 from stereomend.settings import Settings
 
 P = ParamSpec("P")
@@ -28,8 +28,8 @@ _THREADS = 4
 class Store:
     """Ledger and blobs, all of which block: from the event loop they are called through `ask` and `move`."""
 
-    def __init__(self, settings: Settings) -> None:
-        """Lock and open the folder, and migrate the ledger; blocks.
+    def __init__(self, settings: Settings, on_ended: Callable[[JobState], None]) -> None:
+        """Lock and open the folder, and migrate the ledger; blocks. `on_ended`: as `Ledger.open`.
 
         Raises:
             ConfigurationError: the folder cannot be used, or another server uses it.
@@ -38,7 +38,7 @@ class Store:
         self._lock = _locked(settings.data_dir)
         try:
             self.blobs = BlobStore(settings.data_dir)
-            self.ledger = Ledger.open(f"sqlite:///{settings.data_dir.resolve() / 'ledger.sqlite'}")
+            self.ledger = open_ledger(settings.data_dir, on_ended)
         except BaseException:
             os.close(self._lock)
             raise

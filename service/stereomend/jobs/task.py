@@ -52,6 +52,8 @@ class Task(Files):
     media_type: str
     request_id: str = "-"
     """For log lines."""
+    traceparent: str | None = None
+    """Of W3C Trace Context: the span that the stages belong to."""
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from time import perf_counter
 
@@ -57,6 +57,11 @@ class Turns:
 
     def __contains__(self, ticket: Ticket) -> bool:
         return ticket in self._line(ticket)
+
+    @property
+    def requests(self) -> Sequence[Ticket]:
+        """The tickets that somebody waits for, in their order."""
+        return self._requests
 
     @property
     def wants_job(self) -> bool:

@@ -5,11 +5,11 @@ Each method is one transaction. Any number of threads and, on PostgreSQL, of pro
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from datetime import datetime, timedelta
 from typing import Any
 
-from sqlalchemy import ColumnElement, Connection, Engine, delete, func, select, true, tuple_
+from sqlalchemy import ColumnElement, Connection, Engine, bindparam, delete, func, select, true, tuple_
 
 from stereomend.errors import JobFinished, JobNotFound
 from stereomend.jobs.ledger import rows
@@ -30,6 +30,8 @@ from stereomend.jobs.records import (
     is_job_id,
 )
 
+OnEnded = Callable[[JobState], None]
+
 
 class Ledger:
     """Jobs in a database.
@@ -38,20 +40,22 @@ class Ledger:
     known), and those that write DiskFull (nothing was changed).
     """
 
-    def __init__(self, database: Database) -> None:
+    def __init__(self, database: Database, on_ended: OnEnded | None = None) -> None:
         self._database = database
+        self._on_ended = on_ended
 
     @classmethod
-    def open(cls, url: str, clock: Clock | None = None) -> Ledger:
+    def open(cls, url: str, clock: Clock | None = None, on_ended: OnEnded | None = None) -> Ledger:
         """Open `sqlite:////folder/file` (made where missing) or `postgresql://...`, and migrate it.
 
-        `clock` replaces the time of this host, or of PostgreSQL's.
+        `clock` replaces the time of this host, or of PostgreSQL's. `on_ended` hears of each job that this
+        ledger brought to a final state, once that is on the disk, in whatever thread did it.
 
         Raises:
             ConfigurationError: the URL is of no use here, or what it names cannot be reached or written, is
                 damaged, or was made by a newer version.
         """
-        return cls(Database.open(url, clock))
+        return cls(Database.open(url, clock), on_ended)
 
     @property
     def engine(self) -> Engine:
@@ -146,7 +150,9 @@ class Ledger:
             if row is None:
                 return None
             now = self._database.now(connection)
-            return JobState(_changed(connection, row, rows.crashed(row, now, why)).state)
+            state = JobState(_changed(connection, row, rows.crashed(row, now, why)).state)
+        self._tell(state)
+        return state
 
     def finish(self, claim: Claim, outcome: Outcome, result_ttl_s: float) -> bool:
         """End a job; its result is kept for `result_ttl_s` seconds.
@@ -163,7 +169,10 @@ class Ledger:
             if row is None:
                 return False
             values = rows.finished(outcome, row, self._database.now(connection), result_ttl_s)
-            return rows.change(connection, rows.held(claim), values) is not None
+            changed = rows.change(connection, rows.held(claim), values)
+        if changed is not None:
+            self._tell(changed.state)
+        return changed is not None
 
     def cancel(self, id: str, owner: str | None) -> JobRecord:
         """Cancel what waits, ask the worker of what runs to stop, and leave what is cancelled.
@@ -174,6 +183,7 @@ class Ledger:
         """
         with self._database.writing() as connection:
             row = _found(connection, rows.select_for_update(), id, owner)
+            before = row.state
             if row.state == JobState.QUEUED:
                 ended = rows.ended(JobState.CANCELLED, row, self._database.now(connection))
                 row = _changed(connection, row, ended)
@@ -181,7 +191,9 @@ class Ledger:
                 row = _changed(connection, row, {"cancel_requested": True})
             elif row.state not in (JobState.RUNNING, JobState.CANCELLED):
                 raise JobFinished(f"job {id} has {row.state} and cannot be cancelled")
-            return rows.record_of(row)
+        if row.state != before:
+            self._tell(row.state)
+        return rows.record_of(row)
 
     def reap(self) -> Reaped:
         """Take jobs from workers whose leases are over, and fail those that waited past their deadline."""
@@ -198,6 +210,7 @@ class Ledger:
             )
             for row in connection.execute(late).all():
                 _sort(reaped, _changed(connection, row, rows.overdue(row, now)))
+        self._tell(*[JobState.FAILED] * len(reaped.ended))
         return reaped
 
     def recover(self) -> int:
@@ -208,9 +221,11 @@ class Ledger:
         with self._database.writing() as connection:
             now = self._database.now(connection)
             running = connection.execute(rows.select_for_update(jobs.c.state == JobState.RUNNING)).all()
-            for row in running:
-                _changed(connection, row, rows.crashed(row, now, "the server was ended"))
-            return len(running)
+            changed = [
+                _changed(connection, row, rows.crashed(row, now, "the server was ended")) for row in running
+            ]
+        self._tell(*(row.state for row in changed))
+        return len(changed)
 
     def expired(self, record_ttl_s: float) -> list[str]:
         """Let go of results past their time, and of records that ended `record_ttl_s` seconds ago.
@@ -220,9 +235,9 @@ class Ledger:
         with self._database.writing() as connection:
             now = self._database.now(connection)
             names = _expire_results(connection, now)
-            old = jobs.c.finished_at <= now - timedelta(seconds=record_ttl_s)
-            gone = connection.execute(delete(jobs).where(old).returning(*jobs.c)).all()
-        return names + [name for row in gone for name in rows.blobs_of(row)]
+            gone = _delete_records(connection, now - timedelta(seconds=record_ttl_s))
+        self._tell(*[JobState.EXPIRED] * len(names))
+        return names + gone
 
     def purge(self, id: str, owner: str | None) -> list[str]:
         """Remove a job, whatever its state; returns the names of its blobs (raises JobNotFound)."""
@@ -257,6 +272,11 @@ class Ledger:
     def check(self) -> Mapping[str, str]:
         """What the database says of how safe it is, by the names of its own settings."""
         return self._database.facts()
+
+    def _tell(self, *states: str) -> None:
+        for state in map(JobState, states):
+            if self._on_ended and state.final:
+                self._on_ended(state)
 
 
 def _owned(owner: str | None) -> ColumnElement[bool]:
@@ -297,3 +317,11 @@ def _expire_results(connection: Connection, now: datetime) -> list[str]:
     for row in found:
         _changed(connection, row, {"state": JobState.EXPIRED, "result_blob": None})
     return [row.result_blob for row in found]
+
+
+def _delete_records(connection: Connection, before: datetime) -> list[str]:
+    found = connection.execute(rows.select_for_update(jobs.c.finished_at <= before, others=True)).all()
+    if found:
+        each = delete(jobs).where(jobs.c.id == bindparam("gone"))
+        connection.execute(each, [{"gone": row.id} for row in found])
+    return [name for row in found for name in rows.blobs_of(row)]

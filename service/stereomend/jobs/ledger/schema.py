@@ -65,6 +65,7 @@ jobs = Table(
     Column("priority", Integer, nullable=False),
     Column("keep_inputs", Boolean, nullable=False),
     Column("request_id", Text, nullable=False),
+    Column("traceparent", Text),
     # 0 once the blob of inputs may go.
     Column("bytes_held", BigInteger, nullable=False),
     # 0 once there will be no (other) result.
