@@ -135,6 +135,17 @@ def test_curl_as_the_readme_says_and_the_sdk_give_the_same_bytes(tmp_path, nativ
     assert np.abs(read(tmp_path / "refined.png") / 256 - result.disparity).max() <= 0.5 / 256 + 1e-6
 
 
+def test_a_job_as_the_readme_says_gives_the_map_of_the_library(tmp_path, native_server):
+    phantom = readme_block(".venv/bin/stereomend phantom")[0].removeprefix(".venv/bin/stereomend ").split()
+    assert stereomend(*phantom, cwd=tmp_path).returncode == 0
+    curl = "\n".join(readme_block("JOB=$(curl")).replace("http://127.0.0.1:8000", native_server)
+    done = subprocess.run(curl, shell=True, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert '"state":"succeeded"' in (tmp_path / "events.txt").read_text()
+    disparity = expected(tmp_path / "phantoms" / "phantom_0000").disparity
+    assert (np.load(tmp_path / "later.npy") == disparity).all()
+
+
 def test_the_readme_names_the_commands_that_work():
     readme = (ROOT / "README.md").read_text()
     assert "python3 -m venv .venv && .venv/bin/pip install . && .venv/bin/stereomend demo" in readme

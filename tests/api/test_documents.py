@@ -23,6 +23,7 @@ ROUTES = {
     ("get", "/metrics"): "200 401 403 503",
     ("get", "/livez"): "200",
     ("get", "/readyz"): "200 503",
+    ("get", "/metrics"): "200 401 403 503",
 }
 
 

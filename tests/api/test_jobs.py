@@ -120,7 +120,7 @@ def test_a_long_poll_answers_when_the_job_changes(server, endless, in_background
 
 
 def test_a_long_poll_ends_without_a_change(serving, submit, occupy):
-    with serving(work_limit_s=10) as server:
+    with serving(work_limit_s=6) as server:
         occupy(server)
         job = submit(server).json()
         for known, status in ({"If_None_Match": f'"{job["version"]}"'}, 304), ({}, 200):
@@ -130,7 +130,7 @@ def test_a_long_poll_ends_without_a_change(serving, submit, occupy):
             assert answer.headers["Preference-Applied"] == "wait=1"
 
 
-def test_a_long_poll_of_what_the_client_does_not_know_answers_at_once(server, endless, done):
+def test_a_long_poll_of_what_the_client_does_not_know_answers_at_once(server, done, endless):
     assert get(server, endless, timeout=5, Prefer="wait=60", If_None_Match='"0"').status_code == 200
     assert get(server, done, timeout=5, Prefer="wait=60").status_code == 200
     assert get(server, done, timeout=5, Prefer="wait=60", If_None_Match="*").status_code == 304
@@ -213,7 +213,7 @@ def test_a_job_that_fails_says_why(server, submit, finished, as_npy, is_problem)
     job = finished(server, submit(server, disparity=as_npy(np.full((48, 64), np.nan, np.float32))))
     assert job["state"] == "failed"
     assert job["error"]["type"] == "/problems/no-valid-disparity"
-    assert "no valid" in is_problem(get(server, job, "/result"), 409, "job-failed")["detail"]
+    assert "no finite value" in is_problem(get(server, job, "/result"), 409, "job-failed")["detail"]
 
 
 def test_a_result_that_was_kept_long_enough_is_gone(serving, submit, finished, eventually, is_problem):
@@ -224,7 +224,7 @@ def test_a_result_that_was_kept_long_enough_is_gone(serving, submit, finished, e
 
 
 def test_a_deadline_that_passes_while_the_job_waits_fails_it(serving, submit, occupy, finished):
-    with serving(work_limit_s=20) as server:
+    with serving(work_limit_s=8) as server:
         occupy(server)
         job = finished(server, submit(server, params=QUICK | {"deadline_s": 0.2}))
         assert job["error"]["type"] == "/problems/deadline-exceeded"
@@ -316,7 +316,7 @@ def test_what_can_be_refused_at_once_is(server, submit, is_problem, change, stat
 
 
 def test_a_full_queue_refuses_and_says_when_to_come_again(serving, submit, occupy, is_problem):
-    with serving(max_queued_jobs=2, work_limit_s=20) as server:
+    with serving(max_queued_jobs=2, work_limit_s=8) as server:
         occupy(server)
         answers = [submit(server) for _ in range(3)]
         is_problem(answers[-1], 429, "queue-full")

@@ -6,19 +6,18 @@ from typing import Annotated
 
 from fastapi import Depends, Request
 
-ADMIN = "admin"
-"""The scope that sees the jobs of all keys."""
-_LOCAL = "local"
+from stereomend.jobs.keys import ADMIN
+
+# Not async, these would be handed to a thread.
 
 
 async def _owner(request: Request) -> str:
-    # Not async, it would be handed to a thread.
-    owner: str = getattr(request.state, "owner", _LOCAL)
+    owner: str = request.state.owner
     return owner
 
 
 async def _viewer(request: Request) -> str | None:
-    return None if ADMIN in getattr(request.state, "scopes", ()) else await _owner(request)
+    return None if ADMIN in request.state.scopes else await _owner(request)
 
 
 Owner = Annotated[str, Depends(_owner)]
