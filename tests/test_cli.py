@@ -190,8 +190,8 @@ def test_a_server_that_is_not_there_is_exit_code_1(folder, tmp_path):
     assert done.stderr.startswith("stereomend: http://127.0.0.1:9 cannot be reached")
 
 
-def test_serve_refuses_to_be_open_to_all_without_a_key():
-    done = stereomend("serve", "--host", "0.0.0.0", "--port", 0)
+def test_serve_refuses_to_be_open_to_all_without_a_key(tmp_path):
+    done = stereomend("serve", "--host", "0.0.0.0", "--port", 0, "--data-dir", tmp_path / "data")
     assert done.returncode == 2
     assert "STEREOMEND_API_KEYS" in done.stderr
     assert done.stderr.count("\n") == 1

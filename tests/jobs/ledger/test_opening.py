@@ -26,7 +26,7 @@ def test_the_migrations_make_what_the_code_expects(ledger):
     with ledger.engine.connect() as connection:
         context = MigrationContext.configure(connection)
         assert compare_metadata(context, metadata) == []
-        assert context.get_current_heads() == ("0001",)
+        assert context.get_current_heads() == ("0002",)
 
 
 def test_a_column_that_the_migrations_miss_would_be_seen(ledger):
@@ -46,7 +46,7 @@ def test_opening_again_changes_nothing(url, open_ledger, new_job, plenty):
 def test_a_newer_schema_is_refused_and_left_as_it_is(url, open_ledger):
     with open_ledger(url) as ledger, ledger.engine.begin() as connection:
         connection.execute(sa.text("UPDATE alembic_version SET version_num = '9999'"))
-    refused(url, "schema 9999 is newer than this Stereomend, which knows 0001")
+    refused(url, "schema 9999 is newer than this Stereomend, which knows 0002")
     engine = sa.create_engine(url.replace("postgresql:", "postgresql+psycopg:"))
     with engine.connect() as connection:
         assert connection.execute(sa.text("SELECT version_num FROM alembic_version")).scalar() == "9999"

@@ -35,7 +35,6 @@ def _make_jobs() -> None:
         *_integers("priority"),
         sa.Column("keep_inputs", sa.Boolean, nullable=False),
         *_texts("request_id"),
-        sa.Column("traceparent", sa.Text),
         *(sa.Column(name, sa.BigInteger, nullable=False) for name in ("bytes_held", "bytes_reserved")),
         *_texts("phase"),
         *_integers("phase_done", "phase_total"),
