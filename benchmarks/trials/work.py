@@ -107,6 +107,7 @@ class Client:
     """Submits jobs one after another, at most `ahead` without their result, until it is told to stop."""
 
     def __init__(self, url: str, name: str, told: Told, ahead: int = 3) -> None:
+        kinds()  # while nothing waits for it
         self._http = httpx.Client(base_url=url, timeout=30)
         self._name = name
         self._told = told
