@@ -20,7 +20,6 @@ ROUTES = {
     ("get", "/v1/jobs/{job_id}/events"): "200 204 401 403 404 500 503",
     ("post", "/v1/jobs/{job_id}/cancel"): "200 401 403 404 409 500 503",
     ("get", "/v1/presets"): "200 401 403",
-    ("get", "/metrics"): "200 401 403 503",
     ("get", "/livez"): "200",
     ("get", "/readyz"): "200 503",
     ("get", "/metrics"): "200 401 403 503",

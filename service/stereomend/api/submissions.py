@@ -31,6 +31,5 @@ async def read_submission(request: Request, settings: Settings, owner: str) -> S
         request_id=request.state.request_id,
         traceparent=getattr(request.state, "traceparent", None),
         idempotency_key=key,
-        traceparent=getattr(request.state, "traceparent", None),
         **options.model_dump(),
     )
