@@ -86,7 +86,7 @@ class JobService:
         runner.start()
         self._chores = [
             asyncio.create_task(_every(min(_REAP_S, self._settings.lease_s / 2), self._reap)),
-            asyncio.create_task(_every(_SWEEP_S, lambda: store.move(sweeper.sweep))),
+            asyncio.create_task(_every(self._sweep_s, lambda: store.move(sweeper.sweep))),
         ]
 
     async def stop(self, grace_s: float = GRACE_S) -> None:
@@ -236,6 +236,11 @@ class JobService:
         if self._opened is None:
             raise self._closed()
         return self._opened[0]
+
+    @property
+    def _sweep_s(self) -> float:
+        # Results that are kept shortly are asked for soon after their time.
+        return min(_SWEEP_S, max(1.0, self._settings.result_ttl_s / 4))
 
     @property
     def _runner(self) -> Runner:
