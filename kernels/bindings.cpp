@@ -16,12 +16,14 @@
 
 namespace nb = nanobind;
 using namespace nb::literals;
+using stereomend::BendRule;
 using stereomend::check_same_shape;
 using stereomend::check_threads;
 using stereomend::ChoiceRule;
 using stereomend::ConfidenceInput;
 using stereomend::ConfidenceParams;
 using stereomend::Flags;
+using stereomend::GroundRule;
 using stereomend::half_of;
 using stereomend::kMaxSide;
 using stereomend::Level;
@@ -49,6 +51,18 @@ stereomend::Rivals rivals_of(const Views& views) {
     check_same_shape(upload, valid, u, for_upload, for_u, upload_shown, u_shown);
     return {{static_cast<int>(u.shape(1)), static_cast<int>(u.shape(0))}, upload.data(), u.data(), for_upload.data(),
             for_u.data(), valid.data(), upload_shown.data(), u_shown.data()};
+}
+
+// Polls, one plane of cells below the other.
+using Cells = nb::ndarray<const double, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
+
+Size size_of_cells(const Cells& polls, size_t height, size_t width) {
+    const Size size{static_cast<int>(width), static_cast<int>(height)};
+    if (height < 1 || width < 1 || height > kMaxSide || width > kMaxSide ||
+        polls.shape(0) != static_cast<size_t>(stereomend::kPolls * stereomend::cells_of(size.height)) ||
+        polls.shape(1) != static_cast<size_t>(stereomend::cells_of(size.width)))
+        throw nb::value_error("polls: expected a plane of cells for each poll, of the picture's size");
+    return size;
 }
 
 // (level, equal, usual, edge, glints, beside).
@@ -211,6 +225,37 @@ public:
         return out;
     }
 
+    std::pair<Output<float>, Output<bool>> shrink_sparse(const Plane& u, const Flags& valid, size_t height,
+                                                         size_t width, float half) {
+        return resized(u, valid, height, width, [&](const stereomend::Sparse& from, Size to, float* out, bool* known) {
+            engine_.shrink_sparse(from, to, half, out, known);
+        });
+    }
+
+    std::pair<Output<float>, Output<bool>> sample_sparse(const Plane& u, const Flags& valid, size_t height,
+                                                         size_t width) {
+        return resized(u, valid, height, width, [&](const stereomend::Sparse& from, Size to, float* out, bool* known) {
+            engine_.sample_sparse(from, to, out, known);
+        });
+    }
+
+    // The kinds, and how many pixels of each there are.
+    std::pair<Output<uint8_t>, std::vector<long>> tell(const Plane& u, const Plane& initial, const Flags& valid,
+                                                       const Flags& kept, const std::optional<Flags>& scene,
+                                                       float within) {
+        check_same_shape(u, initial, valid, scene ? *scene : valid);
+        check_same_shape(kept);
+        if (kept.shape(0) > u.shape(0) || kept.shape(1) > u.shape(1))
+            throw nb::value_error("u: expected no smaller sides than those of kept");
+        Output<uint8_t> kind = new_plane<uint8_t>(u.shape(0), u.shape(1));
+        const Size from{static_cast<int>(kept.shape(1)), static_cast<int>(kept.shape(0))};
+        stereomend::Kinds kinds{kind.data(), {}};
+        nb::gil_scoped_release unlocked;
+        engine_.tell({from, kept.data(), size_of(u), initial.data(), valid.data(), scene ? scene->data() : nullptr, within},
+                     u.data(), kinds);
+        return {kind, {kinds.counts, kinds.counts + 4}};
+    }
+
     Output<float> trust(const Plane& left, const Plane& right, const Plane& u, const Flags& valid, const Flags& matte,
                         const TrustParams& params, const SpeckleRule& rule) {
         check_same_shape(left, right, u, valid, matte);
@@ -251,13 +296,42 @@ public:
         return out;
     }
 
-    Output<float> edge_weights(const std::vector<Plane>& channels, float level, float power, float floor) {
-        if (channels.empty() || channels.size() > 3) throw nb::value_error("channels: expected 1 to 3");
-        stereomend::Channels given{size_of(channels[0]), static_cast<int>(channels.size()), {}};
-        for (size_t k = 0; k < channels.size(); ++k) {
-            check_same_shape(channels[0], channels[k]);
-            given.levels[k] = channels[k].data();
+    // What is bright and colourless, and what is nearly as bright.
+    std::pair<Output<bool>, Output<bool>> glints(const std::vector<Plane>& channels, float saturation, float bright,
+                                                 float nearly) {
+        const stereomend::Channels given = channels_of(channels);
+        Output<bool> found = new_plane<bool>(given.size.height, given.size.width);
+        Output<bool> almost = new_plane<bool>(given.size.height, given.size.width);
+        nb::gil_scoped_release unlocked;
+        engine_.glints(given, {saturation, bright, nearly}, found.data(), almost.data());
+        return {found, almost};
+    }
+
+    // Trust, where the upload is as good, and the usual evidence, each (height, width).
+    std::vector<Output<float>> ground(const Cells& polls, size_t height, size_t width, const GroundRule& rule) {
+        const Size size = size_of_cells(polls, height, width);
+        std::vector<Output<float>> planes;
+        float* out[3];
+        for (float*& plane : out) {
+            planes.push_back(new_plane<float>(height, width));
+            plane = planes.back().data();
         }
+        nb::gil_scoped_release unlocked;
+        engine_.ground(size, polls.data(), rule, out);
+        return planes;
+    }
+
+    Output<float> bend(const Plane& u, const Cells& polls, const BendRule& rule) {
+        check_same_shape(u);
+        const Size size = size_of_cells(polls, u.shape(0), u.shape(1));
+        Output<float> out = new_plane<float>(u.shape(0), u.shape(1));
+        nb::gil_scoped_release unlocked;
+        engine_.bend(size, u.data(), polls.data(), rule, out.data());
+        return out;
+    }
+
+    Output<float> edge_weights(const std::vector<Plane>& channels, float level, float power, float floor) {
+        const stereomend::Channels given = channels_of(channels);
         Output<float> out = new_plane<float>(channels[0].shape(0), channels[0].shape(1));
         nb::gil_scoped_release unlocked;
         engine_.edge_weights(given, {level, power, floor}, out.data());
@@ -310,6 +384,30 @@ public:
     }
 
 private:
+    template <class Body>
+    std::pair<Output<float>, Output<bool>> resized(const Plane& u, const Flags& valid, size_t height, size_t width,
+                                                   const Body& body) {
+        check_same_shape(u, valid);
+        if (height < 1 || width < 1 || height > u.shape(0) || width > u.shape(1))
+            throw nb::value_error("size: expected sides of 1 px to those of u");
+        Output<float> out = new_plane<float>(height, width);
+        Output<bool> known = new_plane<bool>(height, width);
+        nb::gil_scoped_release unlocked;
+        body({size_of(u), u.data(), valid.data()}, {static_cast<int>(width), static_cast<int>(height)}, out.data(),
+             known.data());
+        return {out, known};
+    }
+
+    static stereomend::Channels channels_of(const std::vector<Plane>& channels) {
+        if (channels.empty() || channels.size() > 3) throw nb::value_error("channels: expected 1 to 3");
+        stereomend::Channels given{size_of(channels[0]), static_cast<int>(channels.size()), {}};
+        for (size_t k = 0; k < channels.size(); ++k) {
+            check_same_shape(channels[0], channels[k]);
+            given.levels[k] = channels[k].data();
+        }
+        return given;
+    }
+
     static Size size_of(const Plane& plane) {
         return {static_cast<int>(plane.shape(1)), static_cast<int>(plane.shape(0))};
     }
@@ -345,6 +443,11 @@ NB_MODULE(_native, m) {
     nb::class_<PollRule>(m, "PollRule", "Who votes on the upload; lengths in px, evidence without unit.")
         .def(nb::init<float, float, float, float, float>(), nb::kw_only(), "tolerance"_a, "near"_a, "least"_a,
              "full"_a, "frame"_a);
+    nb::class_<GroundRule>(m, "GroundRule", "Windows in px and constants of R8 and R9.")
+        .def(nb::init<double, double, double, double, double, double, double, double>(), nb::kw_only(), "trust"_a,
+             "evidence"_a, "far"_a, "far_share"_a, "min_trust"_a, "full_trust"_a, "worse_by"_a, "equal_within"_a);
+    nb::class_<BendRule>(m, "BendRule", "The window in px, and the constants of R7.")
+        .def(nb::init<double, float, float>(), nb::kw_only(), "window"_a, "bend"_a, "flat"_a);
     nb::class_<ChoiceRule>(m, "ChoiceRule", "The constants of R10; lengths in px.")
         .def(nb::init<float, float, float, float, float, float, float, float, float, float, float, int>(),
              nb::kw_only(), "near"_a, "enough"_a, "full_trust"_a, "high_trust"_a, "win_margin"_a, "trusted_margin"_a,
@@ -368,15 +471,28 @@ NB_MODULE(_native, m) {
         .def("merge", &PyEngine::merge, "u"_a.noconvert(), "share"_a.noconvert(), "sample"_a.noconvert(),
              "upload"_a.noconvert(), "valid"_a.noconvert(), "near"_a, "half"_a,
              "A map and the upload put together at the upload's size.")
+        .def("shrink_sparse", &PyEngine::shrink_sparse, "u"_a.noconvert(), "valid"_a.noconvert(), "height"_a,
+             "width"_a, "half"_a, "Means of disparities over their valid pixels, and which of them are valid.")
+        .def("sample_sparse", &PyEngine::sample_sparse, "u"_a.noconvert(), "valid"_a.noconvert(), "height"_a,
+             "width"_a, "Disparities and their validity at the centres of larger pixels.")
+        .def("tell", &PyEngine::tell, "u"_a.noconvert(), "initial"_a.noconvert(), "valid"_a.noconvert(),
+             "kept"_a.noconvert(), "scene"_a.noconvert().none(), "within"_a,
+             "Where values come from, and how many pixels of each kind there are.")
         .def("trust", &PyEngine::trust, "left"_a.noconvert(), "right"_a.noconvert(), "u"_a.noconvert(),
              "valid"_a.noconvert(), "matte"_a.noconvert(), "params"_a, "rule"_a, "c at every pixel.")
         .def("speckles", &PyEngine::speckles, "u"_a.noconvert(), "valid"_a.noconvert(), "rule"_a,
              "Which valid pixels belong to small patches.")
         .def("edge_weights", &PyEngine::edge_weights, "channels"_a.noconvert(), "level"_a, "power"_a, "floor"_a,
              "Weights of the smoothness.")
+        .def("glints", &PyEngine::glints, "channels"_a.noconvert(), "saturation"_a, "bright"_a, "nearly"_a,
+             "What is bright and colourless, and what is nearly as bright.")
         .def("poll", &PyEngine::poll, "views"_a, "matte"_a.noconvert(), "spoilt"_a.noconvert(), "rule"_a,
              "Means over cells of what pixels vote, one plane below the other.")
         .def("choose", &PyEngine::choose, "views"_a, "facts"_a, "rule"_a, "The share of the upload at every pixel.")
+        .def("ground", &PyEngine::ground, "polls"_a.noconvert(), "height"_a, "width"_a, "rule"_a,
+             "Trust, where the upload is as good, and the usual evidence at every pixel.")
+        .def("bend", &PyEngine::bend, "u"_a.noconvert(), "polls"_a.noconvert(), "rule"_a,
+             "u, bent towards the plane around it where its match lies outside of the right image.")
         .def("fill_occlusions", &PyEngine::fill_occlusions, "u"_a.noconvert(), "known"_a.noconvert(), "step"_a,
              "stretch"_a, "slack"_a, "u with its occlusions filled, and which pixels those are.")
         .def("reach", &PyEngine::reach, "seeds"_a.noconvert(), "passing"_a.noconvert(), "soft"_a.noconvert(),

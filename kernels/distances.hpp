@@ -28,6 +28,24 @@ void describe(const Level& level, Rows rows, float* out) {
     }
 }
 
+// Of the descriptors `left` from those of three rows, which are nowhere stored: both images' would not stay in the
+// nearest cache.
+void distance_row(GreyRow above, GreyRow centre, GreyRow below, int width, const float* left, float* out) {
+    const int stride = width + 2;
+#pragma GCC ivdep
+    for (int x = 0; x < width; ++x) {
+        float v[kNeighbours];
+        differences(above, centre, below, x, v);
+        const float scale = inverse_norm(v);
+        float square = 0.0f;
+        for (int k = 0; k < kNeighbours; ++k) {
+            const float difference = v[k] * scale - left[k * stride + x];
+            square += difference * difference;
+        }
+        out[x] = sqrtf(square);
+    }
+}
+
 // Rows of the warped right image, made on the way down.
 class Warped {
 public:
@@ -39,12 +57,12 @@ public:
         for (int row = y > 0 ? y - 1 : 0; row <= y; ++row) load(row);
     }
 
-    // The descriptors of row y; rows y - 1 and y have been loaded.
-    void describe(int y, float* out) {
+    // How far the descriptors of row y are from those of the left image; rows y - 1 and y have been loaded.
+    void distance(int y, const float* left, float* out) {
         const int above = y > 0 ? y - 1 : 0;
         const int below = y + 1 < level_.height ? y + 1 : y;
         if (below > y) load(below);
-        describe_row<false, GreyRow>(grey(above), grey(y), grey(below), level_.width, out);
+        distance_row(grey(above), grey(y), grey(below), level_.width, left, out);
     }
 
 private:
@@ -70,21 +88,11 @@ private:
     float* padded_;
 };
 
-// Distances of the descriptors, 0 where `seen` is false.
-void distance_row(const float* d1, const float* d2, const bool* seen, int width, float* out) {
-    const int stride = width + 2;
+// 0 where `seen` is false.
+void mask_row(const bool* seen, int width, float* values) {
     const uint8_t* flags = reinterpret_cast<const uint8_t*>(seen);
 #pragma GCC ivdep
-    for (int x = 0; x < width; ++x) {
-        float square = 0.0f;
-        for (int k = 0; k < kNeighbours; ++k) {
-            const float difference = d2[k * stride + x] - d1[k * stride + x];
-            square += difference * difference;
-        }
-        out[x] = sqrtf(square);
-    }
-#pragma GCC ivdep
-    for (int x = 0; x < width; ++x) out[x] *= static_cast<float>(flags[x]);
+    for (int x = 0; x < width; ++x) values[x] *= static_cast<float>(flags[x]);
 }
 
 // In four parts, so that no addition waits for the one before.
@@ -105,9 +113,8 @@ void distance(const Level& level, const float* u, const float* described, const 
     warped.start(rows.begin);
     for (int y = rows.begin; y < rows.end; ++y) {
         const int row = y - rows.begin;
-        warped.describe(y, own);
-        // In the place of its first descriptor, which is not needed any more.
-        distance_row(described + descriptors_of_rows(width, row), own, seen + static_cast<long>(row) * width, width, own);
+        warped.distance(y, described + descriptors_of_rows(width, row), own);
+        mask_row(seen + static_cast<long>(row) * width, width, own);
         sums[row] = sum_row(own, width);
     }
 }

@@ -114,7 +114,7 @@ Engine::Engine(int threads, const std::string& instruction_set)
       team_(threads),
       ldr_{team_, ldr_buffers_, *best(instruction_set).ldr},
       evidence_{team_, evidence_buffers_, *best(instruction_set).evidence, ldr_.sweeps},
-      fusion_{evidence_, *best(instruction_set).fusion},
+      fusion_{evidence_, *best(instruction_set).fusion, cell_buffers_},
       resize_{team_, resize_buffers_, *best(instruction_set).resize} {}
 
 // Room for so many rows of the right image, and for the descriptors of each member.
@@ -306,6 +306,11 @@ void Engine::edge_weights(const Channels& channels, const EdgeParams& params, fl
     stereomend::edge_weights(channels, params, out, evidence_);
 }
 
+void Engine::glints(const Channels& channels, const GlintRule& rule, bool* found, bool* nearly) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    stereomend::glints(channels, rule, found, nearly, evidence_);
+}
+
 void Engine::better(const Pair& pair, const float* u, const float* other, const ReuseRule& rule, float* out) {
     const std::lock_guard<std::mutex> lock(mutex_);
     stereomend::better(pair, u, other, rule, out, evidence_);
@@ -331,6 +336,16 @@ void Engine::choose(const Rivals& rivals, const Grounds& grounds, const ChoiceRu
     stereomend::choose(rivals, grounds, rule, out, fusion_);
 }
 
+void Engine::ground(Size size, const double* polls, const GroundRule& rule, float* const out[3]) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    stereomend::ground(size, polls, rule, out, fusion_);
+}
+
+void Engine::bend(Size size, const float* u, const double* polls, const BendRule& rule, float* out) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    stereomend::bend(size, u, polls, rule, out, fusion_);
+}
+
 void Engine::shrink(const Samples& from, Size to, const Shrunk& out) {
     const std::lock_guard<std::mutex> lock(mutex_);
     stereomend::shrink(from, to, out, resize_);
@@ -339,6 +354,21 @@ void Engine::shrink(const Samples& from, Size to, const Shrunk& out) {
 void Engine::merge(const Offer& offer, float* out) {
     const std::lock_guard<std::mutex> lock(mutex_);
     stereomend::merge(offer, out, resize_);
+}
+
+void Engine::shrink_sparse(const Sparse& from, Size to, float half, float* u, bool* valid) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    stereomend::shrink_sparse(from, to, half, u, valid, resize_);
+}
+
+void Engine::sample_sparse(const Sparse& from, Size to, float* u, bool* valid) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    stereomend::sample_sparse(from, to, u, valid, resize_);
+}
+
+void Engine::tell(const Origins& origins, const float* u, Kinds& out) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    stereomend::tell(origins, u, ldr_.sweeps, out, resize_);
 }
 
 }  // namespace stereomend

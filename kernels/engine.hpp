@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "cells.hpp"
 #include "evidence.hpp"
 #include "fusion.hpp"
 #include "ldr.hpp"
@@ -73,6 +74,7 @@ public:
     void trust(const ConfidenceInput& input, const TrustParams& params, const SpeckleRule& rule, float* out);
     void speckles(const Steps& map, int largest, bool* out);
     void edge_weights(const Channels& channels, const EdgeParams& params, float* out);
+    void glints(const Channels& channels, const GlintRule& rule, bool* found, bool* nearly);
     void better(const Pair& pair, const float* u, const float* other, const ReuseRule& rule, float* out);
     void halve(Size from, const std::vector<const float*>& planes, const std::vector<float*>& out);
     void halve_weighed(Size from, const Weighed& map);
@@ -81,9 +83,16 @@ public:
     void poll(const Rivals& rivals, const PollMarks& marks, const PollRule& rule, double* out);
     void choose(const Rivals& rivals, const Grounds& grounds, const ChoiceRule& rule, float* out);
 
+    // See cells.hpp.
+    void ground(Size size, const double* polls, const GroundRule& rule, float* const out[3]);
+    void bend(Size size, const float* u, const double* polls, const BendRule& rule, float* out);
+
     // See resize.hpp.
     void shrink(const Samples& from, Size to, const Shrunk& out);
     void merge(const Offer& offer, float* out);
+    void shrink_sparse(const Sparse& from, Size to, float half, float* u, bool* valid);
+    void sample_sparse(const Sparse& from, Size to, float* u, bool* valid);
+    void tell(const Origins& origins, const float* u, Kinds& out);
 
 private:
     struct alignas(64) Progress {
@@ -111,6 +120,7 @@ private:
     Crew ldr_;
     EvidenceBuffers evidence_buffers_;
     EvidenceCrew evidence_;
+    CellBuffers cell_buffers_;
     FusionCrew fusion_;
     ResizeBuffers resize_buffers_;
     ResizeCrew resize_;

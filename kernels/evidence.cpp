@@ -114,4 +114,15 @@ void edge_weights(const Channels& channels, const EdgeParams& params, float* out
     });
 }
 
+void glints(const Channels& channels, const GlintRule& rule, bool* found, bool* nearly, const EvidenceCrew& crew) {
+    const Gang gang(crew, channels.size);
+    gang.run([&](int member) {
+        const Rows rows = gang.rows(member);
+        for (int y = rows.begin; y < rows.end; ++y) {
+            const long o = static_cast<long>(y) * channels.size.width;
+            crew.sweeps.glint_row(channels, rule, y, found + o, nearly + o);
+        }
+    });
+}
+
 }  // namespace stereomend

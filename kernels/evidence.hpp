@@ -43,6 +43,9 @@ void speckles(const Steps& map, int largest, bool* out, const EvidenceCrew& crew
 void trust(const ConfidenceInput& input, const TrustParams& params, const SpeckleRule& rule, float* out,
            const EvidenceCrew& crew);
 
+// What is bright and colourless, and what is nearly as bright [out, (height, width)].
+void glints(const Channels& channels, const GlintRule& rule, bool* found, bool* nearly, const EvidenceCrew& crew);
+
 // u, or the other map where the pair says more for that [out].
 void better(const Pair& pair, const float* u, const float* other, const ReuseRule& rule, float* out,
             const EvidenceCrew& crew);

@@ -203,6 +203,34 @@ void edge_row(const Channels& in, const EdgeParams& params, int y, float* out) {
     else edge_row_of<3>(in, params, y, out);
 }
 
+template <int Count>
+void glint_row_of(const Channels& in, const GlintRule& rule, int y, uint8_t* glints, uint8_t* nearly) {
+    const float* row[Count];
+    for (int k = 0; k < Count; ++k) row[k] = in.levels[k] + static_cast<long>(y) * in.size.width;
+    const float saturation = rule.saturation;
+    const float bright = rule.bright;
+    const float almost = rule.nearly;
+#pragma GCC ivdep
+    for (int x = 0; x < in.size.width; ++x) {
+        float most = row[0][x];
+        float least = row[0][x];
+        for (int k = 1; k < Count; ++k) {
+            most = larger(most, row[k][x]);
+            least = smaller(least, row[k][x]);
+        }
+        glints[x] = (most - least < saturation * most) & (most > bright);
+        nearly[x] = most > almost;
+    }
+}
+
+void glint_row(const Channels& in, const GlintRule& rule, int y, bool* glints, bool* nearly) {
+    uint8_t* out = reinterpret_cast<uint8_t*>(glints);
+    uint8_t* out_nearly = reinterpret_cast<uint8_t*>(nearly);
+    if (in.count == 1) glint_row_of<1>(in, rule, y, out, out_nearly);
+    else if (in.count == 2) glint_row_of<2>(in, rule, y, out, out_nearly);
+    else glint_row_of<3>(in, rule, y, out, out_nearly);
+}
+
 void better_row(const float* u, const float* n, const float* other, const float* other_n, const bool* hidden, int width,
                 const ReuseRule& rule, float* out) {
     const uint8_t* unseen = bytes_of(hidden);
@@ -220,6 +248,6 @@ void better_row(const float* u, const float* n, const float* other, const float*
 }  // namespace
 
 extern const EvidenceSweeps EVIDENCE_SWEEPS = {evidence,   trust,     label, join, flag_small, edge_row,
-                                              better_row, halve_row, halve_weighed_row};
+                                              glint_row,  better_row, halve_row, halve_weighed_row};
 
 }  // namespace stereomend

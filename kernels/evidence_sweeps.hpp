@@ -85,6 +85,14 @@ constexpr size_t evidence_floats(int width) {
     return (5 + kMostMaps * (6 + 1 + 5)) * (static_cast<size_t>(width) + 4);
 }
 
+// What is bright and colourless: its largest level is over `bright`, and exceeds its smallest by less than `saturation`
+// times itself. What is nearly as bright is over `nearly` [grey levels].
+struct GlintRule {
+    float saturation;
+    float bright;
+    float nearly;
+};
+
 struct EvidenceSweeps {
     // Writes n of each map for the rows: the 5 x 5 mean of the inner product of the signed descriptors, borders
     // mirrored, -1 to 1.
@@ -100,6 +108,8 @@ struct EvidenceSweeps {
     void (*flag_small)(const Patches&, int width, int y, int largest, bool* flags);
     // Writes row y of the weights of the smoothness.
     void (*edge_row)(const Channels&, const EdgeParams&, int y, float* out);
+    // Writes row y of what is bright and colourless, and of what is nearly as bright.
+    void (*glint_row)(const Channels&, const GlintRule&, int y, bool* glints, bool* nearly);
     // Writes a row of u or of the other map [out], which may not be taken where it is hidden; n: evidence for u.
     void (*better_row)(const float* u, const float* n, const float* other, const float* other_n, const bool* hidden,
                        int width, const ReuseRule&, float* out);

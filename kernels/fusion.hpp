@@ -6,10 +6,17 @@
 
 namespace stereomend {
 
+// Memory that stays from one call to the next.
+struct CellBuffers {
+    std::vector<double> cells;
+    std::vector<double> scratch;
+};
+
 // Who works, where and with what.
 struct FusionCrew {
     const EvidenceCrew& evidence;
     const FusionSweeps& sweeps;
+    CellBuffers& buffers;
 };
 
 // The means over cells of what pixels vote [out, kPolls planes of cells_of(height) x cells_of(width)].

@@ -3,6 +3,7 @@
 // Compiled once per instruction set, like gdr_cpu.cpp: everything but the table is local to the file.
 #include <string.h>
 
+#include "cell_loops.hpp"
 #include "descriptors.hpp"
 #include "exponential.cuh"
 #include "flags.hpp"
@@ -215,6 +216,6 @@ void conclude(const Rivals& in, int y, const bool* small, const Choice& choice) 
 
 }  // namespace
 
-extern const FusionSweeps FUSION_SWEEPS = {poll, look, settle, conclude};
+extern const FusionSweeps FUSION_SWEEPS = {poll, look, settle, conclude, blur, widen, bend};
 
 }  // namespace stereomend

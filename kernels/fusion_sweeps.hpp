@@ -76,6 +76,36 @@ struct Choice {
     float* share;  // of the upload; below 0 where it is to be reached
 };
 
+// The right half of a symmetric window over cells, its middle included.
+struct Taps {
+    int radius;
+    const double* weight;  // radius + 1
+};
+
+// Doubles of scratch that it takes to blur.
+constexpr size_t blur_doubles(Size cells, const Taps& taps) {
+    return static_cast<size_t>(cells.width) * (cells.height + 1) + 2 * static_cast<size_t>(taps.radius);
+}
+
+// What is known of the plane around each cell.
+struct PlaneFit {
+    const double* value;     // of the plane at the cell [px]
+    const double* residual;  // mean square of what it leaves [px^2]
+    const double* support;   // weight of what it was fitted to, 0 to 1
+};
+
+// How far a map is bent towards a plane beyond the right image's frame.
+struct BendRule {
+    double window;  // of the fit [px]
+    float bend;     // at most this share of the disparity [1]
+    float flat;     // a residual from which half of it is left [px]
+};
+
+// Floats of scratch that it takes to bring `planes` rows of cells to pixels.
+constexpr size_t widened_floats(int width, int planes) {
+    return planes * (static_cast<size_t>(width) + 3 * kCell) + 2 * (static_cast<size_t>(width) / kCell + 2);
+}
+
 struct FusionSweeps {
     // Writes row `row` of the cells' means [out, kPolls planes of `plane` cells each]; scratch: kPolls * width.
     void (*poll)(const Rivals&, const PollMarks&, const PollRule&, int row, float* scratch, long plane, double* out);
@@ -85,6 +115,12 @@ struct FusionSweeps {
     void (*settle)(const Rivals&, const Grounds&, const ChoiceRule&, int y, float* scratch, const Choice&);
     // Completes row y of the share [in/out]: what is reached, without small patches.
     void (*conclude)(const Rivals&, int y, const bool* small, const Choice&);
+    // Averages cells under a window [out]; borders are mirrored.
+    void (*blur)(const double* plane, Size cells, const Taps&, double* scratch, double* out);
+    // Writes row y of the pixels of a picture, linear between the centres of its cells.
+    void (*widen)(const double* plane, Size cells, int y, int width, float* scratch, float* out);
+    // Writes row y of a map bent towards the planes where its match lies left of the right image, px.
+    void (*bend)(const float* u, Size size, const PlaneFit&, const BendRule&, int y, float* scratch, float* out);
 };
 
 extern const FusionSweeps fusion_sweeps_v2;

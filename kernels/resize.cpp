@@ -71,6 +71,8 @@ Places places_of(int from, int side, std::vector<int>& places, std::vector<float
     return {before, after, fractions.data(), nearest};
 }
 
+float ratio_of(int to, int from) { return static_cast<float>(static_cast<double>(to) / from); }
+
 // Runs body(rows, scratch) for all rows, with `floats` of scratch.
 template <class Body>
 void in_pieces(int height, size_t floats, const ResizeCrew& crew, const Body& body) {
@@ -99,6 +101,53 @@ void merge(const Offer& offer, float* out, const ResizeCrew& crew) {
     in_pieces(offer.to.height, merge_floats(offer), crew, [&](Rows band, float* scratch) {
         crew.sweeps.merge(offer, columns, rows, band, scratch, out);
     });
+}
+
+void shrink_sparse(const Sparse& from, Size to, float half, float* u, bool* valid, const ResizeCrew& crew) {
+    const Cover columns = cover_of(from.size.width, to.width, crew.buffers.places[0], crew.buffers.weights[0]);
+    const Cover rows = cover_of(from.size.height, to.height, crew.buffers.places[1], crew.buffers.weights[1]);
+    const Samples flags{from.size, from.valid, 1, 1, false};
+    const Samples values{from.size, from.u, 4, 1, false};
+    const float ratio = ratio_of(to.width, from.size.width);
+    std::vector<float>& shares = crew.buffers.shares;
+    shares.resize(std::max(shares.size(), static_cast<size_t>(to.width) * to.height));
+    in_pieces(to.height, shrink_floats(values, columns, rows), crew, [&](Rows band, float* scratch) {
+        crew.sweeps.shrink(flags, columns, rows, band, scratch, {{shares.data()}});
+        crew.sweeps.shrink(values, columns, rows, band, scratch, {{u}});
+        const size_t o = static_cast<size_t>(band.begin) * to.width;
+        crew.sweeps.divide_row(shares.data() + o, (band.end - band.begin) * to.width, ratio, half, u + o, valid + o);
+    });
+}
+
+void sample_sparse(const Sparse& from, Size to, float* u, bool* valid, const ResizeCrew& crew) {
+    const Places columns = places_of(from.size.width, to.width, crew.buffers.places[0], crew.buffers.weights[0]);
+    const Places rows = places_of(from.size.height, to.height, crew.buffers.places[1], crew.buffers.weights[1]);
+    const float ratio = ratio_of(to.width, from.size.width);
+    in_pieces(to.height, 0, crew, [&](Rows band, float*) {
+        for (int y = band.begin; y < band.end; ++y) {
+            const size_t i = static_cast<size_t>(rows.nearest[y]) * from.size.width;
+            const size_t o = static_cast<size_t>(y) * to.width;
+            crew.sweeps.sample_row(from.u + i, from.valid + i, columns.nearest, to.width, ratio, u + o, valid + o);
+        }
+    });
+}
+
+void tell(const Origins& origins, const float* u, const LdrSweeps& ldr, Kinds& out, const ResizeCrew& crew) {
+    const Size to = origins.to;
+    const Places columns = places_of(origins.from.width, to.width, crew.buffers.places[0], crew.buffers.weights[0]);
+    const Places rows = places_of(origins.from.height, to.height, crew.buffers.places[1], crew.buffers.weights[1]);
+    std::vector<long>& counts = crew.buffers.counts;
+    counts.assign(4 * static_cast<size_t>(to.height), 0);
+    in_pieces(to.height, to.width, crew, [&](Rows band, float* scratch) {
+        for (int y = band.begin; y < band.end; ++y) {
+            const size_t o = static_cast<size_t>(y) * to.width;
+            ldr.unobserved_row(u + o, to.width, reinterpret_cast<bool*>(out.kind + o));
+            crew.sweeps.tell_row(origins, u + o, columns.nearest, rows.nearest[y], y, reinterpret_cast<uint8_t*>(scratch),
+                                 out.kind + o, &counts[4 * y]);
+        }
+    });
+    std::fill(out.counts, out.counts + 4, 0);
+    for (size_t i = 0; i < counts.size(); ++i) out.counts[i % 4] += counts[i];
 }
 
 }  // namespace stereomend

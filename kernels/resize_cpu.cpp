@@ -5,9 +5,10 @@
 #include "area.hpp"
 #include "merge.hpp"
 #include "resize_sweeps.hpp"
+#include "sparse.hpp"
 
 namespace stereomend {
 
-extern const ResizeSweeps RESIZE_SWEEPS = {shrink, merge};
+extern const ResizeSweeps RESIZE_SWEEPS = {shrink, merge, divide_row, sample_row, tell_row};
 
 }  // namespace stereomend

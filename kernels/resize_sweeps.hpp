@@ -66,11 +66,39 @@ constexpr size_t merge_floats(const Offer& offer) {
     return 7 * static_cast<size_t>(offer.to.width) + 5 * (static_cast<size_t>(offer.from.width) + 2);
 }
 
+// A disparity map [px of its own size], 0 where it is not valid.
+struct Sparse {
+    Size size;
+    const float* u;
+    const bool* valid;
+};
+
+// What a map at input size (`to`) came from.
+struct Origins {
+    Size from;
+    const bool* kept;  // at working size: nothing replaced the value
+    Size to;
+    const float* initial;  // disparity [px], 0 where it is not valid
+    const bool* valid;
+    const bool* scene;  // which pixels are part of the scene; null: all
+    float within;       // a value moved by more counts as refined [px]
+};
+
 struct ResizeSweeps {
     // Writes some rows of the smaller planes, each pixel the mean of what it covers.
     void (*shrink)(const Samples&, const Cover& columns, const Cover& rows, Rows, float* scratch, const Shrunk&);
     // Writes some rows of both maps put together, (height, width) of the input, px.
     void (*merge)(const Offer&, const Places& columns, const Places& rows, Rows, float* scratch, float* out);
+    // Makes a row of means [in/out] from means over all pixels and the share of valid ones, times `ratio`; valid from a
+    // share of `half` on, else 0.
+    void (*divide_row)(const float* share, int width, float ratio, float half, float* u, bool* valid);
+    // Writes the values at some columns, times `ratio`.
+    void (*sample_row)(const float* u, const bool* valid, const int* columns, int width, float ratio, float* out,
+                       bool* out_valid);
+    // Makes row y of what the right image does not show [in/out] the kinds of its pixels (`Provenance`), and counts
+    // each; `columns` and `row`: the pixels of the working size; scratch: 2 * width.
+    void (*tell_row)(const Origins&, const float* u, const int* columns, int row, int y, uint8_t* scratch, uint8_t* out,
+                     long counts[4]);
 };
 
 extern const ResizeSweeps resize_sweeps_v2;

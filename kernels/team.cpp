@@ -3,9 +3,16 @@
 #include <pthread.h>
 
 #include <algorithm>
+#include <chrono>
 #include <system_error>
 
 namespace stereomend {
+namespace {
+
+// One call often follows another, and to wake a thread takes longer than many a job. Longer pauses are for others.
+constexpr std::chrono::microseconds kLinger{300};
+
+}  // namespace
 
 Team::Team(int wanted) {
     CPU_ZERO(&allowed_);
@@ -43,15 +50,25 @@ void Team::spread() {
 }
 
 void Team::begin(const std::function<void(int)>& body, bool open) {
-    spread();
+    bool asleep;
     busy_.store(open ? 0 : size() - 1, std::memory_order_relaxed);
     {
         const std::lock_guard<std::mutex> lock(mutex_);
         body_ = &body;
         open_ = open;
-        ++job_;
+        job_.store(job_.load(std::memory_order_relaxed) + 1, std::memory_order_release);
+        asleep = asleep_ > 0;
     }
+    if (!asleep) return;
+    spread();
     wake_.notify_all();
+}
+
+// Returns when there is a job after `done`, or none came for a while.
+void Team::linger(long done) const {
+    const auto end = std::chrono::steady_clock::now() + kLinger;
+    while (job_.load(std::memory_order_acquire) == done && std::chrono::steady_clock::now() < end)
+        std::this_thread::yield();
 }
 
 void Team::run(const std::function<void(int)>& body) {
@@ -79,9 +96,16 @@ void Team::serve(int member) {
     long done = 0;
     while (true) {
         const std::function<void(int)>* body = nullptr;
+        bool slept = false;
+        linger(done);
         {
             std::unique_lock<std::mutex> lock(mutex_);
-            wake_.wait(lock, [&] { return ending_ || job_ != done; });
+            while (!ending_ && job_ == done) {
+                slept = true;
+                ++asleep_;
+                wake_.wait(lock);
+                --asleep_;
+            }
             if (ending_) return;
             done = job_;
             body = body_;
@@ -89,7 +113,7 @@ void Team::serve(int member) {
             if (open_) busy_.fetch_add(1, std::memory_order_relaxed);
         }
         // Awake on its core, it may move again if others need that one.
-        pthread_setaffinity_np(pthread_self(), sizeof allowed_, &allowed_);
+        if (slept) pthread_setaffinity_np(pthread_self(), sizeof allowed_, &allowed_);
         (*body)(member);
         busy_.fetch_sub(1, std::memory_order_release);
     }

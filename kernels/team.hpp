@@ -48,7 +48,7 @@ inline Rows band(int height, int member, int size) {
     return {edge(member), edge(member + 1)};
 }
 
-// Between jobs the threads sleep. Where the system gives fewer threads than wanted, fewer work.
+// Between jobs the threads wait for a moment, then sleep. Where the system gives fewer threads than wanted, fewer work.
 class Team {
 public:
     explicit Team(int wanted);
@@ -70,6 +70,7 @@ public:
 
 private:
     void serve(int member);
+    void linger(long done) const;
     void spread();
     void begin(const std::function<void(int)>& body, bool open);
 
@@ -81,7 +82,8 @@ private:
     std::condition_variable wake_;
     const std::function<void(int)>* body_ = nullptr;
     bool open_ = false;  // to those that come in time, while body_ is there; else all are waited for
-    long job_ = 0;
+    std::atomic<long> job_{0};
+    int asleep_ = 0;
     bool ending_ = false;
     std::atomic<int> busy_{0};
 };

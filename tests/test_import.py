@@ -25,7 +25,14 @@ def modules_after(code):
 def test_the_sdk_pulls_in_neither_the_server_nor_opencv_nor_the_kernels(code):
     loaded = modules_after(code)
     assert "stereomend.disparity" in loaded
-    assert not {"fastapi", "cv2", "pydantic", "stereomend._native", "stereomend.refinement"} & set(loaded)
+    assert not {
+        "fastapi",
+        "cv2",
+        "pydantic",
+        "sqlalchemy",
+        "stereomend._native",
+        "stereomend.refinement",
+    } & set(loaded)
 
 
 def test_the_supervisor_is_small():

@@ -66,6 +66,23 @@ class ChoiceRule:
         largest_patch: int,
     ) -> None: ...
 
+class GroundRule:
+    def __init__(
+        self,
+        *,
+        trust: float,
+        evidence: float,
+        far_share: float,
+        min_trust: float,
+        full_trust: float,
+        worse_by: float,
+        equal_within: float,
+        far: float,
+    ) -> None: ...
+
+class BendRule:
+    def __init__(self, *, window: float, bend: float, flat: float) -> None: ...
+
 class Engine:
     def __init__(self, threads: int, instruction_set: str = "") -> None: ...
     def solve(
@@ -104,6 +121,19 @@ class Engine:
         near: float,
         half: float,
     ) -> _Plane: ...
+    def shrink_sparse(
+        self, u: _Plane, valid: _Flags, height: int, width: int, half: float
+    ) -> tuple[_Plane, _Flags]: ...
+    def sample_sparse(self, u: _Plane, valid: _Flags, height: int, width: int) -> tuple[_Plane, _Flags]: ...
+    def tell(
+        self,
+        u: _Plane,
+        initial: _Plane,
+        valid: _Flags,
+        kept: _Flags,
+        scene: _Flags | None,
+        within: float,
+    ) -> tuple[npt.NDArray[np.uint8], list[int]]: ...
     def trust(
         self,
         left: _Plane,
@@ -118,6 +148,9 @@ class Engine:
     def edge_weights(
         self, channels: Sequence[_Plane], level: float, power: float, floor: float
     ) -> _Plane: ...
+    def glints(
+        self, channels: Sequence[_Plane], saturation: float, bright: float, nearly: float
+    ) -> tuple[_Flags, _Flags]: ...
     def poll(
         self,
         views: tuple[_Plane, _Flags, _Plane, _Plane, _Plane, _Flags, _Flags],
@@ -125,6 +158,10 @@ class Engine:
         spoilt: _Flags,
         rule: PollRule,
     ) -> npt.NDArray[np.float64]: ...
+    def ground(
+        self, polls: npt.NDArray[np.float64], height: int, width: int, rule: GroundRule
+    ) -> list[_Plane]: ...
+    def bend(self, u: _Plane, polls: npt.NDArray[np.float64], rule: BendRule) -> _Plane: ...
     def choose(
         self,
         views: tuple[_Plane, _Flags, _Plane, _Plane, _Plane, _Flags, _Flags],

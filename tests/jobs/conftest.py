@@ -1,6 +1,7 @@
 """Tasks, and a pool with real workers."""
 
 import asyncio
+import subprocess
 import time
 from contextlib import asynccontextmanager
 
@@ -60,3 +61,17 @@ async def pool(**settings):
         began = time.monotonic()
         await running.stop(grace_s=0)
         assert time.monotonic() - began < 10
+
+
+@pytest.fixture
+def small_disk(tmp_path):
+    """A disk of 1 MiB."""
+    folder = tmp_path / "small"
+    folder.mkdir()
+    mounted = subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", "size=1m", "tmpfs", folder], check=False, capture_output=True
+    )
+    if mounted.returncode:
+        pytest.skip("only root can mount a small disk")
+    yield folder
+    subprocess.run(["umount", "--lazy", folder], check=True)

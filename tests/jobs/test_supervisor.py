@@ -6,22 +6,11 @@ import socket
 import subprocess
 import sys
 import textwrap
+from pathlib import Path
 
 import pytest
 
-# Runs a program under a supervisor; the supervisor's `ready` goes to its standard output.
-SUPERVISE = """
-    import ctypes, os, socket, sys
-    from stereomend.jobs.logs import configure_logging
-    from stereomend.jobs.supervisor import Supervised, Supervisor
-
-    configure_logging("text")
-    listener = socket.create_server(("127.0.0.1", 0))
-    say = lambda: print("ready", listener.getsockname()[1], flush=True)
-    command = [sys.executable, "-c", sys.argv[1], sys.argv[2]]
-    ctypes.CDLL(None).prctl(36, 1)  # PR_SET_CHILD_SUBREAPER: as if it were process 1
-    sys.exit(Supervisor(Supervised(command, os.environ, listener, say, 3.0)).run())
-"""
+SUPERVISE = Path(__file__).parent / "programs" / "supervise.py"
 
 # Says who it is to each who connects; `{then}` is what else it does before it is ready.
 SERVE = """
@@ -49,11 +38,11 @@ class Running:
     def __init__(self, folder, then):
         self.folder = folder
         self.log = (folder / "log").open("w")
-        command = [sys.executable, "-c", textwrap.dedent(SUPERVISE), program(then), str(folder)]
+        command = [sys.executable, str(SUPERVISE), sys.executable, "-c", program(then), str(folder)]
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=self.log, text=True)
 
     def port(self):
-        return int(self.process.stdout.readline().split()[1])
+        return int(self.process.stdout.readline())
 
     def lives(self):
         file = self.folder / "lives"

@@ -9,7 +9,6 @@ from stereomend.refinement.pyramid import (
     enlarge_disparity,
     enlarge_mask,
     level_sizes,
-    shrink_disparity,
     working_size,
 )
 
@@ -51,14 +50,14 @@ def test_shrinking_and_enlarging_keep_pixel_centres(side, half, backend):
 
 def test_disparity_scales_with_the_width(backend):
     sparse = Sparse(backend.plane(np.full((10, 30), 12.0)), np.ones((10, 30), bool))
-    assert np.allclose(shrink_disparity(sparse, (5, 15), backend).u, 6)
-    assert np.allclose(shrink_disparity(sparse, (5, 20), backend).u, 8)
+    assert np.allclose(backend.shrink_sparse(sparse, (5, 15)).u, 6)
+    assert np.allclose(backend.shrink_sparse(sparse, (5, 20)).u, 8)
     assert np.allclose(enlarge_disparity(backend.plane(np.full((5, 15), 6.0)), (10, 30), backend), 12)
 
 
 def test_disparity_is_averaged_over_valid_pixels_only(backend):
     u = backend.plane([[8, 0, 0, 0, 4, 0], [4, 0, 0, 2, 4, 4]])
-    shrunk = shrink_disparity(Sparse(u, u > 0), (1, 3), backend)
+    shrunk = backend.shrink_sparse(Sparse(u, u > 0), (1, 3))
     assert shrunk.valid.tolist() == [[True, False, True]]
     assert shrunk.u == pytest.approx(np.array([[3, 0, 2]]))
 

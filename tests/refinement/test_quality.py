@@ -4,8 +4,8 @@ import pytest
 from stereomend.disparity import Provenance
 from stereomend.phantom import make_phantom
 from stereomend.refinement import refine, select_backend
-from stereomend.refinement.pyramid import Sparse
-from stereomend.refinement.quality import Origin, provenance_of, shares_of
+from stereomend.refinement.backends import Origins, Sparse
+from stereomend.refinement.quality import shares_of
 
 
 def brute_force_unobserved(disparity):
@@ -39,11 +39,44 @@ def test_the_pixels_left_of_a_near_object_are_hidden(backend):
 def test_the_highest_provenance_that_applies_is_stored(backend):
     known = np.array([[True, True, True, False, True]])
     initial = Sparse(np.array([[0.9, 1.0, 1.0, 0.0, 1.0]]), known)
-    origin = Origin(initial, known & [[True, True, True, True, False]])
-    found = provenance_of(np.array([[1.0, 1.0, 2.0, 1.5, 1.4]]), origin, backend)
+    kept = np.array([[True, True, True, True, False]])
+    found, counts = backend.tell(np.array([[1.0, 1.0, 2.0, 1.5, 1.4]]), Origins(initial, kept))
     unseen, kept, refined, filled = (Provenance[n] for n in ("UNOBSERVED", "KEPT", "REFINED", "FILLED"))
     assert found.tolist() == [[unseen, kept, refined, filled, filled]]
-    assert shares_of(found) == {"kept": 0.2, "refined": 0.2, "filled": 0.4, "unobserved": 0.2}
+    assert counts == [1, 1, 2, 1]
+    assert shares_of(counts) == {"kept": 0.2, "refined": 0.2, "filled": 0.4, "unobserved": 0.2}
+
+
+def brute_force_kinds(u, origins):
+    """Pixel by pixel, from what `Provenance` says of its kinds."""
+    (initial, valid), kept, scene, within = origins
+    hidden, kinds = brute_force_unobserved(u), np.zeros(u.shape, int)
+    for y, x in np.ndindex(u.shape):
+        row, column = (
+            (2 * i + 1) * few // (2 * many) for i, few, many in zip((y, x), kept.shape, u.shape, strict=True)
+        )
+        if hidden[y, x] or not (scene is None or scene[y, x]):
+            kinds[y, x] = Provenance.UNOBSERVED
+        elif not (valid[y, x] and kept[row, column]):
+            kinds[y, x] = Provenance.FILLED
+        elif abs(u[y, x] - initial[y, x]) > within:
+            kinds[y, x] = Provenance.REFINED
+    return kinds
+
+
+@pytest.mark.parametrize("masked", [False, True])
+@pytest.mark.parametrize(
+    ("working", "size"), [((1, 1), (1, 1)), ((1, 5), (1, 9)), ((17, 1), (33, 1)), ((12, 24), (23, 61))]
+)
+def test_every_pixel_is_told_as_its_kind_says(working, size, masked, backend):
+    rng = np.random.default_rng(8)
+    u = rng.integers(0, 40, size) / 8
+    valid = rng.random(size) < 0.8
+    initial = Sparse((u + rng.choice([-0.5, 0, 0.5, 0.625], size)) * valid, valid)
+    origins = Origins(initial, rng.random(working) < 0.7, rng.random(size) < 0.8 if masked else None)
+    found, counts = backend.tell(u, origins)
+    assert (found == brute_force_kinds(u, origins)).all()
+    assert counts == [np.count_nonzero(found == kind) for kind in Provenance]
 
 
 @pytest.fixture(scope="module")

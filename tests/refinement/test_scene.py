@@ -3,11 +3,12 @@ import pytest
 
 from stereomend.disparity import StereoPair
 from stereomend.refinement import select_backend
-from stereomend.refinement.backends.reference import area_weights
+from stereomend.refinement.backends import GlintRule
+from stereomend.refinement.backends.sizes import area_weights
 from stereomend.refinement.scene import make_scene, matte_mask
 from stereomend.refinement.stage_params import LdrParams
 
-NATIVE = select_backend("native", threads=1)
+NATIVE, REFERENCE = select_backend("native", threads=1), select_backend("reference")
 
 
 def scene_of(image, size, params=None):
@@ -48,9 +49,13 @@ def test_pale_pixels_of_a_colour_image_are_highlights():
 
 def test_a_dark_grey_pixel_is_no_highlight_when_brightness_counts():
     image = [np.array([levels]) for levels in ([60.0, 240, 200], [60.0, 240, 90], [60.0, 240, 90])]
-    assert matte_mask(image, True, LdrParams(specular="saturation")).tolist() == [[False, False, True]]
-    assert matte_mask(image, True, LdrParams(specular="bright")).tolist() == [[True, False, True]]
-    assert matte_mask(image, True, LdrParams(specular="off")).all()
+
+    def matte(specular):
+        return matte_mask(image, True, LdrParams(specular=specular), NATIVE).tolist()
+
+    assert matte("saturation") == [[False, False, True]]
+    assert matte("bright") == [[True, False, True]]
+    assert matte("off") == [[True, True, True]]
 
 
 @pytest.mark.parametrize("axes", [2, 3])
@@ -110,3 +115,16 @@ def opening(value, side):
         padded = np.pad(value, side // 2, constant_values=beyond)
         value = reduced(np.lib.stride_tricks.sliding_window_view(padded, (side, side)), axis=(2, 3))
     return value
+
+
+@pytest.mark.parametrize("backend", [NATIVE, REFERENCE], ids=lambda backend: backend.name)
+@pytest.mark.parametrize("planes", [1, 2, 3])
+def test_what_is_bright_and_colourless_is_told_pixel_by_pixel(planes, backend):
+    levels = np.random.default_rng(1).integers(170, 256, (planes, 9, 37))
+    channels = [np.array(plane, np.float32) for plane in levels]
+    found, nearly = backend.glints(channels, GlintRule(saturation=0.2, bright=210, rise=20))
+    for place in np.ndindex(9, 37):
+        levels = [float(plane[place]) for plane in channels]
+        colourless = max(levels) - min(levels) < 0.2 * max(levels)
+        assert found[place] == (colourless and max(levels) > 210)
+        assert nearly[place] == (max(levels) > 189)

@@ -111,7 +111,9 @@ def unpack(blob: bytes) -> Files:
     head, _, rest = blob.partition(b"\n")
     try:
         sizes = dict(json.loads(head))
-        if sum(sizes.values()) != len(rest):
+        if not {"left", "right"} <= sizes.keys() <= set(_PARTS):
+            raise ValueError("other parts")
+        if min(sizes.values()) < 0 or sum(sizes.values()) != len(rest):
             raise ValueError("sizes do not add up")
         files: dict[str, Any] = dict.fromkeys(_PARTS)
         start = 0

@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 import asyncio
-import hashlib
 import logging
 import math
 from collections.abc import Awaitable, Callable, Coroutine
 from contextlib import suppress
-from dataclasses import dataclass, replace
-from datetime import UTC, datetime, timedelta
+from dataclasses import replace
 from typing import Any, NamedTuple, TypeVar
-from uuid import uuid4
 
-from stereomend.codec import image_size, render
+from stereomend.codec import render
 from stereomend.errors import (
     DiskFull,
-    IdempotencyInFlight,
     InputError,
     JobCancelled,
     JobFailed,
@@ -27,18 +23,19 @@ from stereomend.errors import (
     StereomendError,
     Unavailable,
 )
-from stereomend.jobs.blobs import pack
 from stereomend.jobs.changes import Changes
 from stereomend.jobs.ledger import Accepted, Page, Stats
 from stereomend.jobs.pool import GRACE_S, WorkerPool
 from stereomend.jobs.records import JobRecord, JobState, NewJob, inputs_blob
 from stereomend.jobs.runner import Runner, task_of
 from stereomend.jobs.store import Store
+from stereomend.jobs.submission import Alone, Submission, new_job
 from stereomend.jobs.sweeper import Sweeper
-from stereomend.jobs.task import Answer, Files
+from stereomend.jobs.task import Answer
 from stereomend.jobs.turns import Ticket
-from stereomend.refinement import RefineParams
 from stereomend.settings import Settings
+
+__all__ = ["JobService", "StoredResult", "Submission"]
 
 log = logging.getLogger(__name__)
 
@@ -46,27 +43,6 @@ T = TypeVar("T")
 
 _REAP_S = 2.0
 _SWEEP_S = 60.0
-_BYTES_PER_PIXEL = 4 + 4 + 1 + 4
-"""Of a stored result: disparity, confidence, provenance, input_confidence."""
-_BYTES_OF_DEPTH = 4 + 3
-"""And depth and colours, where calibrated."""
-_BYTES_OF_META = 1 << 16
-
-
-@dataclass(frozen=True)
-class Submission:
-    """What is to be refined, for whom, and how."""
-
-    files: Files
-    params: RefineParams
-    owner: str
-    """The id of a key; `local` where there are none."""
-    request_id: str = "-"
-    priority: int = 0
-    deadline_s: float | None = None
-    """Seconds from now after which it need not be begun any more."""
-    keep_inputs: bool = False
-    idempotency_key: str | None = None
 
 
 class StoredResult(NamedTuple):
@@ -262,8 +238,8 @@ class JobService:
         error.retry_after = 1
         return error
 
-    def _alone(self, submission: Submission) -> _Alone:
-        return _Alone(self._in_flight, submission)
+    def _alone(self, submission: Submission) -> Alone:
+        return Alone(self._in_flight, submission)
 
     async def _safely(self, work: Coroutine[Any, Any, T]) -> T:
         """Go on with what was begun even if the caller leaves: half of it would be of no use."""
@@ -282,7 +258,10 @@ class JobService:
 
     async def _convert(self, ticket: Ticket, submission: Submission) -> Accepted | None:
         """Make a job of a request that waits or runs; None: it has its answer, or there is no room for it."""
-        job = await self._stored(submission)
+        try:
+            job = await self._stored(submission)
+        except Unavailable:
+            return None
         if not ticket.answer.done() and self._pool.withdraw(ticket):
             accepted = await self._accept(job)
             self._runner.ring()
@@ -295,7 +274,7 @@ class JobService:
             return None
         try:
             accepted = await self._accept(job, self._settings.lease_s)
-        except (QueueFull, DiskFull):
+        except Unavailable:
             return None  # It is waited for after all.
         ticket.request = False
         if accepted.claim:
@@ -305,7 +284,7 @@ class JobService:
         return accepted
 
     async def _stored(self, submission: Submission) -> NewJob:
-        job, chunks = await self._store.move(_new_job, submission, self._settings.max_pixels)
+        job, chunks = await self._store.move(new_job, submission, self._settings.max_pixels)
         await self._store.move(self._store.room, job.bytes_held + job.bytes_reserved)
         await self._store.move(self._store.blobs.put, inputs_blob(job.id), chunks)
         return job
@@ -340,52 +319,6 @@ class JobService:
             await self._store.move(self._store.blobs.delete, blob)
         if reaped.queued:
             self._runner.ring()
-
-
-class _Alone:
-    """Keeps a second submission with the same idempotency key out while the first is being taken in."""
-
-    def __init__(self, in_flight: set[tuple[str, str]], submission: Submission) -> None:
-        self._in_flight = in_flight
-        key = submission.idempotency_key
-        self._mine = None if key is None else (submission.owner, key)
-
-    def __enter__(self) -> None:
-        if self._mine in self._in_flight:
-            error = IdempotencyInFlight("a request with this idempotency key is still being taken in")
-            error.retry_after = 1
-            raise error
-        if self._mine is not None:
-            self._in_flight.add(self._mine)
-
-    def __exit__(self, *_: object) -> None:
-        if self._mine is not None:
-            self._in_flight.discard(self._mine)
-
-
-def _new_job(submission: Submission, max_pixels: int) -> tuple[NewJob, list[bytes]]:
-    files, params = submission.files, submission.params
-    width, height = image_size(files.left, "left", max_pixels)
-    chunks, deadline_s = pack(files), submission.deadline_s
-    digest = hashlib.sha256()
-    for chunk in chunks:
-        digest.update(chunk)
-    per_pixel = _BYTES_PER_PIXEL + (_BYTES_OF_DEPTH if params.calibrated else 0)
-    job = NewJob(
-        id=uuid4().hex,
-        owner=submission.owner,
-        preset=params.preset,
-        params=params.model_dump(mode="json"),
-        input={"width": width, "height": height, "sha256": digest.hexdigest()},
-        bytes_held=sum(map(len, chunks)),
-        bytes_reserved=width * height * per_pixel + _BYTES_OF_META,
-        priority=submission.priority,
-        deadline=None if deadline_s is None else datetime.now(UTC) + timedelta(seconds=deadline_s),
-        keep_inputs=submission.keep_inputs,
-        idempotency_key=submission.idempotency_key,
-        request_id=submission.request_id,
-    )
-    return job, chunks
 
 
 def _no_result(record: JobRecord) -> StereomendError:

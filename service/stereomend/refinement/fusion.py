@@ -17,8 +17,9 @@ from stereomend.refinement.backends import (
     CELL,
     HALF,
     Backend,
-    Cells,
+    BendRule,
     ChoiceRule,
+    GroundRule,
     Grounds,
     Offer,
     Plane,
@@ -29,14 +30,11 @@ from stereomend.refinement.backends import (
 from stereomend.refinement.params import RefineParams
 from stereomend.refinement.pyramid import Sparse
 from stereomend.refinement.scene import Scene
-from stereomend.refinement.smooth import Sums, blurred, fit_planes, pixels, ramp, ratio
 from stereomend.refinement.stage_params import FusionParams
 
-_FAR = 4  # times as wide: the faint window that carries trust over gaps
 _AROUND_HIDDEN = 2  # px that a descriptor and its window see of what is hidden
 _BESIDE_HIDDEN = 4  # px that a window sees of it where two readings are compared
 _AROUND_GLINTS = 4  # px
-_TOUCHED = 1e-4  # support of a plane
 
 
 class Readings(NamedTuple):
@@ -78,10 +76,6 @@ class _Judge:
     """Working size divided by input size."""
     backend: Backend
 
-    def wide(self, share: float) -> float:
-        """A share of the width, px; a window of few pixels tells nothing."""
-        return max(share * self.scene.size[1], self.params.least_width_px)
-
 
 def fuse(scene: Scene, maps: Readings, params: RefineParams, backend: Backend) -> Fused:
     """Choose between the upload and GDR's map."""
@@ -104,57 +98,19 @@ def _rivals(judge: _Judge, maps: Readings) -> Rivals:
 
 
 def _grounds(judge: _Judge, rivals: Rivals, polls: Polls, glints: Mask) -> Grounds:
-    params, edge = judge.params, judge.scene.edge
-    trust = _trust(judge, polls)
-    equal, usual = _compared(judge, polls)
-    equal *= ramp(trust, params.min_trust, params.full_trust)
-    planes = [pixels(cells, judge.scene.size, judge.backend) for cells in (trust, equal, usual)]
+    scene, backend = judge.scene, judge.backend
+    ground = backend.ground(polls, scene.size, GroundRule.of(judge.params, scene.size[1]))
+    edge = np.ones_like(rivals.u) if scene.edge is None else scene.edge
     beside = _grown(rivals.valid & ~rivals.upload_shown, _BESIDE_HIDDEN)
-    return Grounds(
-        planes[0],
-        planes[1],
-        planes[2],
-        np.ones_like(rivals.u) if edge is None else edge,
-        glints,
-        beside,
-    )
-
-
-def _trust(judge: _Judge, polls: Polls) -> Cells:
-    """T, 0 to 1 (R8)."""
-    wide, far_share = judge.wide(judge.params.trust_width), judge.params.far_share
-    agreed, voted = (
-        blurred(cells, wide) + far_share * blurred(cells, _FAR * wide)
-        for cells in (polls.agreed, polls.voted)
-    )
-    return ratio(agreed, voted)
-
-
-def _compared(judge: _Judge, polls: Polls) -> tuple[Cells, Cells]:
-    """Whether the upload's evidence is as good where both agree, and how much there is for GDR's map (R9)."""
-    params = judge.params
-    wide = judge.wide(params.evidence_width)
-    number, lead, level = (
-        blurred(cells, wide) + params.far_share * float(cells.mean())
-        for cells in (polls.fair, polls.lead, polls.level)
-    )
-    return ramp(ratio(lead, level), -params.worse_by, -params.equal_within), ratio(level, number)
+    return Grounds(*ground, edge, glints, beside)
 
 
 def _continued(judge: _Judge, u: Plane, polls: Polls) -> Plane:
     """GDR's map, bent towards the plane around it where the match lies outside of the right image (R7)."""
     params = judge.params
+    # Matches leave the right image only on its left, as far as disparities reach.
     window = max(4.0, params.reach * float(np.percentile(u[::CELL, ::CELL], 95)))
-    fit = fit_planes(Sums(polls.shown, polls.of_u, polls.of_square), window)
-    # Matches leave the right image only on its left.
-    near = u[:, : int(u.max()) + 1]
-    value, residual, support = (pixels(cells, near.shape, judge.backend) for cells in fit)
-    limit = params.bend * np.maximum(near, 1)
-    bend = np.clip(value - near, -limit, limit) / (1 + residual / params.flat_px**2)
-    outside = (np.arange(near.shape[1]) < near) & (support > _TOUCHED)
-    continued = u.copy()
-    continued[:, : near.shape[1]] = np.where(outside, np.maximum(near + bend, 0), near)
-    return continued
+    return judge.backend.bend(u, polls, BendRule(window, params.bend, params.flat_px))
 
 
 def _grown(mask: Mask, by: int) -> Mask:

@@ -29,8 +29,6 @@ from stereomend.refinement.pyramid import (
     Sparse,
     enlarge_disparity,
     enlarge_mask,
-    sample_disparity,
-    shrink_disparity,
     working_size,
 )
 from stereomend.refinement.report import Mended, Start, Trace, describe, finish
@@ -150,7 +148,7 @@ def globally(
     solved = refine_globally(scene, prior, params.gdr, backend, steps)
     if not params.fusion.enabled or begun.start.kind == "zero":
         return solved, None
-    upload = sample_disparity(begun.start.full, scene.size)
+    upload = backend.sample_sparse(begun.start.full, scene.size)
     return solved, fuse(scene, Readings(upload, solved.u), params, backend)
 
 
@@ -169,7 +167,7 @@ def start_from(
     if kind == "zero" or upload is None:
         return Start(kind, _nothing(size, backend), _nothing(scene.size, backend))
     full_size = uploaded(upload, pair.mask)
-    return Start(kind, full_size, shrink_disparity(full_size, scene.size, backend))
+    return Start(kind, full_size, backend.shrink_sparse(full_size, scene.size))
 
 
 def _nothing(size: Size, backend: Backend) -> Sparse:

@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from stereomend.disparity import Mask, Provenance
+from stereomend.disparity import Provenance
 from stereomend.refinement.backends import Backend, Plane, Reading
 from stereomend.refinement.pyramid import Sparse
 from stereomend.refinement.scene import Scene
-
-KEPT_WITHIN = 0.5
-"""A pixel this near to its input, in pixels, counts as kept."""
 
 _CLEARLY_BETTER = 0.75  # a residual this much smaller is no chance
 _FEW = 0.1  # a mean over fewer of the valid pixels says little
@@ -24,33 +20,10 @@ _BANDS = 5
 _BAND_ROWS = 8  # the outer two are described with rows of another band
 
 
-class Origin(NamedTuple):
-    """What a returned map came from, (H, W) at input size."""
-
-    initial: Sparse
-    kept: Mask
-    """Known, and not replaced by the local refinement."""
-    mask: Mask | None = None
-    """Part of the scene; None: all."""
-
-
-def provenance_of(disparity: Plane, origin: Origin, backend: Backend) -> npt.NDArray[np.uint8]:
-    """Values of `Provenance` for a returned map, (H, W)."""
-    moved = np.subtract(disparity, origin.initial.u)
-    unobserved = backend.unobserved(disparity)
-    if origin.mask is not None:
-        unobserved |= ~origin.mask
-    # Of bytes and in place: most of the time went to memory.
-    provenance = (np.abs(moved, out=moved) > KEPT_WITHIN) * np.uint8(Provenance.REFINED)
-    for kind, pixels in ((Provenance.FILLED, ~origin.kept), (Provenance.UNOBSERVED, unobserved)):
-        np.maximum(provenance, pixels * np.uint8(kind), out=provenance)
-    return provenance
-
-
-def shares_of(provenance: npt.NDArray[np.uint8]) -> dict[str, float]:
-    """The share of each kind of pixel; they sum to 1."""
-    counts = {kind: np.count_nonzero(provenance == np.uint8(kind)) for kind in Provenance}
-    return {kind.name.lower(): count / provenance.size for kind, count in counts.items()}
+def shares_of(counts: Sequence[int]) -> dict[str, float]:
+    """The share of each kind of pixel, from their numbers in the order of `Provenance`; they sum to 1."""
+    total = sum(counts)
+    return {kind.name.lower(): count / total for kind, count in zip(Provenance, counts, strict=True)}
 
 
 def residuals(left: Plane, readings: Sequence[Reading], backend: Backend) -> list[float | None]:

@@ -11,12 +11,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from stereomend.disparity import FloatMap, Mask, RefinementResult, StereoPair
-from stereomend.refinement.backends import Backend, Plane, Reading, Size, Solved
+from stereomend.refinement.backends import Backend, Origins, Plane, Reading, Size, Solved
 from stereomend.refinement.fusion import Fused, at_input_size
 from stereomend.refinement.ldr import Local, confidence_of
 from stereomend.refinement.params import Initial, RefineParams
 from stereomend.refinement.pyramid import Sparse, enlarge_disparity, enlarge_mask, level_sizes
-from stereomend.refinement.quality import Origin, provenance_of, residuals, shares_of, warnings_of
+from stereomend.refinement.quality import residuals, shares_of, warnings_of
 from stereomend.refinement.scene import Scene
 
 
@@ -63,7 +63,7 @@ class Mended(NamedTuple):
 
     disparity: FloatMap
     trace: Trace
-    origin: Origin
+    origins: Origins
     timings: dict[str, float]
     """Milliseconds of each stage."""
 
@@ -71,20 +71,20 @@ class Mended(NamedTuple):
 def finish(trace: Trace, params: RefineParams, backend: Backend, timings: dict[str, float]) -> Mended:
     """Bring the outcome back to input size."""
     initial, pair = trace.start.full, trace.pair
-    origin = Origin(initial, initial.valid & enlarge_mask(trace.kept, pair.shape), pair.mask)
-    return Mended(_at_input_size(trace, origin, params, backend), trace, origin, timings)
+    origins = Origins(initial, trace.kept, pair.mask)
+    return Mended(_at_input_size(trace, origins, params, backend), trace, origins, timings)
 
 
 def describe(
     mended: Mended, params: RefineParams, backend: Backend, confidences: bool = True
 ) -> RefinementResult:
     """All that is told about a map; without `confidences`, which few answers hold, these are NaN."""
-    disparity, trace, origin, timings = mended
-    pair, valid = trace.pair, origin.initial.valid
-    refined = Sparse(trace.outcome, trace.scene.shown(trace.outcome > 0))
+    disparity, trace, origins, timings = mended
+    pair, valid, outcome = trace.pair, origins.initial.valid, trace.outcome
+    refined = Sparse(outcome, trace.scene.shown(outcome > 0))
     planes = _confidences(trace, refined, params, backend) if confidences else _not_asked_for(pair.shape)
-    provenance = provenance_of(disparity, origin, backend)
-    shares = {"valid_in": np.count_nonzero(valid) / valid.size} | shares_of(provenance)
+    provenance, counts = backend.tell(disparity, origins)
+    shares = {"valid_in": np.count_nonzero(valid) / valid.size} | shares_of(counts)
     # Last, for it takes all cores, and one may still be writing the map.
     quality = _quality(trace, refined, params, backend)
     return RefinementResult(
@@ -123,15 +123,18 @@ def _of_the_scene(values: FloatMap, pair: StereoPair) -> FloatMap:
     return values if pair.mask is None else values * pair.mask
 
 
-def _at_input_size(trace: Trace, origin: Origin, params: RefineParams, backend: Backend) -> FloatMap:
+def _at_input_size(trace: Trace, origins: Origins, params: RefineParams, backend: Backend) -> FloatMap:
     if trace.fused is None:
         enlarged = enlarge_disparity(trace.refined, trace.pair.shape, backend)
     else:
-        enlarged = at_input_size(trace.fused, origin.initial, params.fusion.near_px, backend)
+        enlarged = at_input_size(trace.fused, origins.initial, params.fusion.near_px, backend)
     if not enlarged.min() >= 0:
         enlarged = np.maximum(enlarged, 0)
     disparity = enlarged.astype(np.float32, copy=False)
-    return disparity if "gdr" in params.stages else np.where(origin.kept, origin.initial.u, disparity)
+    if "gdr" in params.stages:
+        return disparity
+    kept = origins.initial.valid & enlarge_mask(trace.kept, trace.pair.shape)
+    return np.where(kept, origins.initial.u, disparity)
 
 
 def _enlarged(confidence: Plane, size: Size, backend: Backend) -> FloatMap:

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from stereomend.disparity import Image, Mask, StereoPair
 from stereomend.opencv import cv2
-from stereomend.refinement.backends import HALF, Backend, Plane, Size
+from stereomend.refinement.backends import HALF, Backend, GlintRule, Plane, Size
 from stereomend.refinement.stage_params import LdrParams
 
 _ROWS = 64
@@ -20,8 +20,7 @@ BRIGHT = 215 / 255
 """HSV value above which a colourless pixel is a highlight when `specular` is "bright"."""
 
 _GLINT_SHARE = 0.06  # of the width; larger bright areas are things
-_GLINT_SATURATION = 60 / 255
-_GLINT_RISE = 40.0  # grey levels above what surrounds it
+_GLINT = GlintRule(saturation=60 / 255, bright=BRIGHT * 255, rise=40.0)
 
 
 class Scene(NamedTuple):
@@ -55,7 +54,7 @@ def make_scene(pair: StereoPair, size: Size, params: LdrParams, backend: Backend
     channels, left = backend.shades(pair.left, size)
     right = backend.grey(pair.right, size)
     coloured = is_coloured(pair.left)
-    matte = matte_mask(channels, coloured, params)
+    matte = matte_mask(channels, coloured, params, backend)
     weight = None if pair.mask is None else backend.shrink(pair.mask, size)
     return Scene(left, right, matte, coloured, tuple(channels), weight=weight)
 
@@ -73,43 +72,45 @@ def _rows_coloured(rows: Image) -> bool:
     return bool((rows[..., 1] != first).any() or (rows[..., 2] != first).any())
 
 
-def matte_mask(channels: Sequence[Plane], coloured: bool, params: LdrParams) -> Mask:
+def matte_mask(channels: Sequence[Plane], coloured: bool, params: LdrParams, backend: Backend) -> Mask:
     """M_s (Eq. 3) of grey or of R, G, B, levels 0 to 255, each (H, W): true where no highlight is.
 
     An image without any colour has saturation 0 everywhere, which tells nothing: there, brightness decides.
     """
-    value, lowest = reduce(np.maximum, channels), reduce(np.minimum, channels)
     if params.specular == "off":
-        return np.ones(value.shape, np.bool_)
+        return np.ones(channels[0].shape, np.bool_)
     if params.specular == "glint":
-        return ~_glints(value, lowest)
+        return ~_glints(channels, backend)
+    value, lowest = reduce(np.maximum, channels), reduce(np.minimum, channels)
     colourless: Mask = value - lowest <= params.min_saturation * value
     if params.specular == "bright" or not coloured:
         colourless = colourless & (value > BRIGHT * 255)
     return ~colourless
 
 
-def _glints(value: Plane, lowest: Plane) -> Mask:
+def _glints(channels: Sequence[Plane], backend: Backend) -> Mask:
     """Bright, colourless and small: a mirror image of the lamp, and not a white organ (R1)."""
-    glints: Mask = (value - lowest < _GLINT_SATURATION * value) & (value > BRIGHT * 255)
-    side = max(3, round(_GLINT_SHARE * value.shape[1])) | 1  # odd, or the opening shifts by a pixel
-    for inner, outer in _as_bright_around(value, side):
-        surroundings = cv2.morphologyEx(np.ascontiguousarray(value[outer]), cv2.MORPH_OPEN, _square(side))
-        rise = value[outer] - surroundings.reshape(value[outer].shape)
-        glints[inner] &= rise[tuple(map(_within, inner, outer))] > _GLINT_RISE
+    glints, nearly = backend.glints(channels, _GLINT)
+    side = max(3, round(_GLINT_SHARE * glints.shape[1])) | 1  # odd, or the opening shifts by a pixel
+    for inner, outer in _as_bright_around(nearly, side):
+        value = reduce(np.maximum, [channel[outer] for channel in channels])
+        surroundings = cv2.morphologyEx(np.ascontiguousarray(value), cv2.MORPH_OPEN, _square(side))
+        rise = value - surroundings.reshape(value.shape)
+        glints[inner] &= rise[tuple(map(_within, inner, outer))] > _GLINT.rise
     return glints
 
 
 _Part = tuple[slice, ...]
 
 
-def _as_bright_around(value: Plane, side: int) -> list[tuple[_Part, _Part]]:
+def _as_bright_around(nearly: Mask, side: int) -> list[tuple[_Part, _Part]]:
     """Where an opening can hide a glint, if anywhere, and what it has to look at for that.
 
     Only where a whole window is nearly as bright as a glint: bytes tell that at a fraction of its cost.
     """
-    bright = (value > BRIGHT * 255 - _GLINT_RISE - 1).view(np.uint8)
-    x, y, width, height = cv2.boundingRect(cv2.erode(bright, _square(side)).reshape(value.shape))
+    x, y, width, height = cv2.boundingRect(
+        cv2.erode(nearly.view(np.uint8), _square(side)).reshape(nearly.shape)
+    )
     if not width:
         return []
     inner, outer = (

@@ -10,7 +10,9 @@ from hypothesis import strategies as st
 from stereomend.phantom import make_phantom
 from stereomend.refinement import parse_params, select_backend
 from stereomend.refinement.backends import ReuseRule, SpeckleRule, Usable
-from stereomend.refinement.backends.base import SMALLEST
+from stereomend.refinement.backends.data import (
+    SMALLEST,
+)
 from stereomend.refinement.stage_params import GdrParams
 
 SIZES = [(1, 1), (33, 1), (1, 40), (2, 2), (2, 3), (5, 64), (61, 47), (64, 48), (7, 128)]

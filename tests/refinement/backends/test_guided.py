@@ -7,7 +7,11 @@ from hypothesis import strategies as st
 
 from stereomend.phantom import make_phantom
 from stereomend.refinement import select_backend
-from stereomend.refinement.backends.base import UNGUIDED, Guide, OcclusionRule
+from stereomend.refinement.backends.data import (
+    UNGUIDED,
+    Guide,
+    OcclusionRule,
+)
 from stereomend.refinement.stage_params import GdrParams
 
 SIZES = [(1, 1), (33, 1), (1, 33), (2, 3), (61, 47), (67, 53), (9, 300)]

@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 from stereomend.refinement.backends import reference as ref
-from stereomend.refinement.backends.base import Guide
+from stereomend.refinement.backends.data import (
+    Guide,
+)
 from stereomend.refinement.stage_params import GdrParams
 
 BACKEND = ref.ReferenceBackend("test")

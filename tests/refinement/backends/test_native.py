@@ -10,7 +10,10 @@ import pytest
 
 from stereomend import _native
 from stereomend.refinement import parse_params, select_backend
-from stereomend.refinement.backends.base import Reading, Usable
+from stereomend.refinement.backends.data import (
+    Reading,
+    Usable,
+)
 from stereomend.refinement.backends.reference import distance
 from stereomend.refinement.stage_params import LdrParams
 

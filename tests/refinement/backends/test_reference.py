@@ -7,7 +7,10 @@ import numpy as np
 import pytest
 
 from stereomend.refinement.backends import reference as ref
-from stereomend.refinement.backends.base import Usable
+from stereomend.refinement.backends.data import (
+    Usable,
+)
+from stereomend.refinement.backends.reference_evidence import smoothness
 from stereomend.refinement.stage_params import GdrParams, LdrParams
 
 SHAPES = [(1, 1), (1, 7), (7, 1), (2, 2), (5, 9)]
@@ -108,7 +111,7 @@ def test_absolute_descriptors_lose_the_sign(rng):
 @pytest.mark.parametrize("window", [3, 21])
 def test_smoothness_compares_with_the_mean_over_valid_pixels_inside(shape, window, rng):
     u, valid = rng.uniform(1, 30, shape), rng.random(shape) < 0.7
-    found = ref.smoothness(u, valid, LdrParams(window=window, smoothness_weight=2.0))
+    found = smoothness(u, valid, LdrParams(window=window, smoothness_weight=2.0))
     for y, x in np.ndindex(shape):
         around = [
             u[j, i]

@@ -8,7 +8,7 @@ import pytest
 from stereomend import _native
 from stereomend.opencv import cv2
 from stereomend.refinement import select_backend
-from stereomend.refinement.backends import Offer
+from stereomend.refinement.backends import Offer, Sparse
 
 NATIVE, REFERENCE = select_backend("native", threads=2), select_backend("reference")
 EVERY_BACKEND = pytest.mark.parametrize("backend", [NATIVE, REFERENCE], ids=lambda backend: backend.name)
@@ -227,3 +227,57 @@ def test_maps_that_do_not_fit_are_refused():
 def test_samples_that_cannot_be_shrunk_are_refused(samples, size, error):
     with pytest.raises(error):
         _native.Engine(1).shrink(samples, *size)
+
+
+def sparse_map(size, seed=5):
+    """Disparities in quarters, of which some are unknown."""
+    rng = np.random.default_rng(seed)
+    valid = rng.random(size) < 0.6
+    return Sparse((rng.integers(1, 200, size) / 4 * valid).astype(np.float32), valid)
+
+
+def under_centre(place, sizes, others):
+    """The pixel of a picture of `others` that the centre of this one falls on."""
+    return tuple((2 * i + 1) * to // (2 * of) for i, of, to in zip(place, sizes, others, strict=True))
+
+
+def covered(i, few, many):
+    """The pixels that pixel `i` of `few` covers of `many`, and how much of each."""
+    begin, end = i * many / few, (i + 1) * many / few
+    return [(k, min(end, k + 1) - max(begin, k)) for k in range(int(begin), min(many, int(np.ceil(end))))]
+
+
+@EVERY_BACKEND
+@pytest.mark.parametrize(("working", "size"), SIZES)
+def test_means_are_taken_over_what_is_known(working, size, backend):
+    sparse = sparse_map(size)
+    u, valid = backend.shrink_sparse(sparse, working)
+    for y, x in np.ndindex(working):
+        shares = [
+            (sparse.u[row, column], sparse.valid[row, column], a * b)
+            for row, a in covered(y, working[0], size[0])
+            for column, b in covered(x, working[1], size[1])
+        ]
+        whole = sum(share for *_, share in shares)
+        known = sum(share for _, is_known, share in shares if is_known)
+        # Rounding decides what is exactly half.
+        if abs(known / whole - 0.5) > 1e-4:
+            assert valid[y, x] == (known / whole > 0.5)
+        if valid[y, x]:
+            mean = sum(value * share for value, is_known, share in shares if is_known) / known
+            assert u[y, x] == pytest.approx(mean * working[1] / size[1], rel=1e-4)
+        else:
+            assert u[y, x] == 0
+
+
+@EVERY_BACKEND
+@pytest.mark.parametrize(("working", "size"), SIZES)
+def test_samples_are_the_pixels_that_centres_fall_on(working, size, backend):
+    sparse = sparse_map(size)
+    u, valid = backend.sample_sparse(sparse, working)
+    for y, x in np.ndindex(working):
+        row, column = (
+            (2 * i + 1) * many // (2 * few) for i, few, many in zip((y, x), working, size, strict=True)
+        )
+        assert u[y, x] == pytest.approx(sparse.u[row, column] * working[1] / size[1], rel=1e-6)
+        assert valid[y, x] == sparse.valid[row, column]

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from datetime import datetime, timedelta
 from typing import Any
 
-from sqlalchemy import ColumnElement, Connection, Engine, delete, func, select, true, tuple_
+from sqlalchemy import ColumnElement, Connection, Engine, bindparam, delete, func, select, true, tuple_
 
 from stereomend.errors import JobFinished, JobNotFound
 from stereomend.jobs.ledger import rows
@@ -220,9 +220,7 @@ class Ledger:
         with self._database.writing() as connection:
             now = self._database.now(connection)
             names = _expire_results(connection, now)
-            old = jobs.c.finished_at <= now - timedelta(seconds=record_ttl_s)
-            gone = connection.execute(delete(jobs).where(old).returning(*jobs.c)).all()
-        return names + [name for row in gone for name in rows.blobs_of(row)]
+            return names + _delete_records(connection, now - timedelta(seconds=record_ttl_s))
 
     def purge(self, id: str, owner: str | None) -> list[str]:
         """Remove a job, whatever its state; returns the names of its blobs (raises JobNotFound)."""
@@ -297,3 +295,11 @@ def _expire_results(connection: Connection, now: datetime) -> list[str]:
     for row in found:
         _changed(connection, row, {"state": JobState.EXPIRED, "result_blob": None})
     return [row.result_blob for row in found]
+
+
+def _delete_records(connection: Connection, before: datetime) -> list[str]:
+    found = connection.execute(rows.select_for_update(jobs.c.finished_at <= before, others=True)).all()
+    if found:
+        each = delete(jobs).where(jobs.c.id == bindparam("gone"))
+        connection.execute(each, [{"gone": row.id} for row in found])
+    return [name for row in found for name in rows.blobs_of(row)]

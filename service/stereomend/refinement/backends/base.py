@@ -2,259 +2,40 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from types import MappingProxyType
-from typing import Any, NamedTuple, Protocol
+from collections.abc import Sequence
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from stereomend.disparity import Image, Mask
-from stereomend.refinement.stage_params import FusionParams, GdrParams, LdrParams
-
-Plane = npt.NDArray[np.floating[Any]]
-"""float32 (H, W) for `native`, float64 for `reference`."""
-
-Cells = npt.NDArray[np.float64]
-"""A number for each cell of a coarse grid."""
-
-HALF = 0.5 - 1e-6
-"""A share from here on is half or more; one half survives rounding."""
-
-SMALLEST = 0.5
-"""A smaller disparity [px] is a network's way to say that it knows nothing."""
-
-Size = tuple[int, int]
-"""Height and width in pixels."""
-
-
-Tick = Callable[[], None]
-"""Called before each warp of a solve, in the caller's thread; what it raises ends the solve."""
-
-
-class Usable(NamedTuple):
-    """Which pixels count for the confidence, bool (H, W)."""
-
-    valid: Mask
-    """The disparity is known."""
-    matte: Mask
-    """No specular highlight."""
-
-
-class Guide(NamedTuple):
-    """What a solve is told besides the pair, each (H, W)."""
-
-    edge: Plane | None = None
-    """Weight of the smoothness, over 0 to 1; None: 1 everywhere."""
-    prior: Plane | None = None
-    """Where u is drawn to, px; None exactly if `trust` is."""
-    trust: Plane | None = None
-    """Weight of |u - prior|."""
-
-
-UNGUIDED = Guide()
-
-
-class OcclusionRule(NamedTuple):
-    """When a run of unknown pixels in a row is the occlusion of the surface on its right."""
-
-    step: float
-    """The least rise of the disparity from its left to its right end, px."""
-    stretch: float
-    """Its largest length, in such rises."""
-    slack: float
-    """And so much more, px."""
-
-
-class ReuseRule(NamedTuple):
-    """When another map replaces the one at hand (R6)."""
-
-    margin: float
-    """Its evidence is larger by more than this."""
-    least: float = 0.3
-    """And its evidence is over this: a map that the pair contradicts replaces nothing."""
-    apart: float = 0.5
-    """And the two differ by more than this, px; nearer readings compete in the solver itself."""
-
-
-class SpeckleRule(NamedTuple):
-    """Which patches of a map are too small to be a surface."""
-
-    largest: int
-    """The most pixels of such a patch."""
-    step: float = 1.0
-    """The largest difference of neighbours inside of a patch, px."""
-
-    @classmethod
-    def of(cls, share: float, u: Plane) -> SpeckleRule:
-        """Patches of `u` up to a share of the picture."""
-        return cls(int(share * u.size))
-
-
-class Reading(NamedTuple):
-    """One way to see a left image, each (H, W)."""
-
-    right: Plane
-    u: Plane
-    valid: Mask
-    """Which pixels count."""
-
-
-class Rivals(NamedTuple):
-    """The upload and GDR's map at working size, and what the pair says of them, each (H, W)."""
-
-    upload: Plane
-    """Samples, px; 0 where unknown."""
-    valid: Mask
-    """The upload is known."""
-    u: Plane
-    """GDR's map, px."""
-    for_upload: Plane
-    """Evidence n."""
-    for_u: Plane
-    upload_shown: Mask
-    """Valid, and shown by the right image if the upload is right."""
-    u_shown: Mask
-
-
-class PollRule(NamedTuple):
-    """Who votes on the upload, and how (R8, R9)."""
-
-    tolerance: float
-    """Difference at which both maps disagree, px at working size."""
-    near: float
-    """Difference up to which they say nearly the same, px at working size."""
-    clear: tuple[float, float] = (0.3, 0.7)
-    """Evidence for GDR's map that lets a pixel vote, and lets it vote in full."""
-    frame: float = 3.0
-    """Votes have their match farther inside of the right image's left end, px: descriptors see around."""
-
-
-class Grounds(NamedTuple):
-    """What the choice is made on, besides the maps, each (H, W)."""
-
-    level: Plane
-    """Trust T, 0 to 1 (R8)."""
-    equal: Plane
-    """0 to 1: where both say nearly the same, the upload is as good as GDR's map (R9)."""
-    usual: Plane
-    """Evidence for GDR's map where both agree."""
-    edge: Plane
-    """Weight of the smoothness, over 0 to 1."""
-    glints: Mask
-    """A glint, or beside one."""
-    beside: Mask
-    """The upload hides it, or something beside it."""
-
-
-class ChoiceRule(NamedTuple):
-    """The constants of R10; lengths in px at working size."""
-
-    near: float
-    enough: float
-    full_trust: float
-    high_trust: float
-    win_margin: float
-    trusted_margin: float
-    weak_share: float
-    spike: float
-    rough_share: float
-    step: float
-    soft_edge: float
-    largest_patch: int
-    """The most pixels of a patch that is dropped."""
-
-    @classmethod
-    def of(cls, params: FusionParams, scale: float, pixels: int) -> ChoiceRule:
-        """For a picture of so many pixels at `scale` of the input's size."""
-        return cls(
-            near=params.near_px * scale,
-            enough=(params.min_trust + params.full_trust) / 2,
-            full_trust=params.full_trust,
-            high_trust=params.high_trust,
-            win_margin=params.win_margin,
-            trusted_margin=params.trusted_margin,
-            weak_share=params.weak_share,
-            spike=params.spike_px,
-            rough_share=params.rough_share,
-            step=params.step_px,
-            soft_edge=params.soft_edge,
-            largest_patch=int(params.patch_share * pixels),
-        )
-
-
-CELL = 8
-"""Pixels per cell of the grid that wide means are computed on, along both axes."""
-
-
-class Polls(NamedTuple):
-    """Means over cells of `CELL` x `CELL` pixels, float64; a cell at the end has fewer."""
-
-    voted: Cells
-    agreed: Cells
-    """Of the votes."""
-    fair: Cells
-    """Votes where both say nearly the same, and nothing spoils the comparison."""
-    lead: Cells
-    """Their sum of the evidence for the upload beyond that for GDR's map."""
-    level: Cells
-    """Their sum of the evidence for GDR's map."""
-    shown: Cells
-    """The share of GDR's map that the right image shows."""
-    of_u: Cells
-    """Sums of u over that, px."""
-    of_square: Cells
-    """And of u * u."""
-
-
-class Offer(NamedTuple):
-    """A map and samples of the upload, px, for `Backend.merge` to choose from, each (H, W)."""
-
-    u: Plane
-    share: Plane
-    """Of the upload, 0 to 1; over a half, it is chosen."""
-    sample: Plane
-
-
-class Problem(NamedTuple):
-    """What GDR is given, each (H, W) at working size."""
-
-    left: Plane
-    right: Plane
-    channels: tuple[Plane, ...]
-    """Of the left image: grey, or R, G and B."""
-    prior: Plane
-    """Where the coarsest level starts, and what u is drawn to where there is trust, px."""
-    trust: Plane | None = None
-    """Weight of |u - prior|; None: it only starts."""
-    edge: Plane | None = None
-    """Weight of the smoothness, over 0 to 1; None: 1 everywhere."""
-    weight: Plane | None = None
-    """Of the data term, 0 to 1; None: 1 everywhere."""
-
-    @property
-    def size(self) -> Size:
-        """Height and width in pixels."""
-        return self.left.shape[0], self.left.shape[1]
-
-
-COPIES = ("h2d", "d2h")
-"""What is timed on a device besides the solve: the copies to it and back."""
-
-
-class Solved(NamedTuple):
-    """What GDR makes of a problem, and how."""
-
-    u: Plane
-    """(H, W) px."""
-    by: str
-    """The name of the backend that computed it: one may leave a problem to another."""
-    copies: Mapping[str, float] = MappingProxyType({})
-    """Milliseconds of each of `COPIES`, where a device computed it."""
-    warnings: tuple[str, ...] = ()
-    """For `quality.warnings`."""
-    device: str | None = None
-    """The name of the device that computed it; None: the CPU."""
+from stereomend.refinement.backends.data import (
+    UNGUIDED,
+    BendRule,
+    ChoiceRule,
+    GlintRule,
+    Ground,
+    GroundRule,
+    Grounds,
+    Guide,
+    OcclusionRule,
+    Offer,
+    Origins,
+    Plane,
+    PollRule,
+    Polls,
+    Problem,
+    Reading,
+    ReuseRule,
+    Rivals,
+    Size,
+    Solved,
+    Sparse,
+    SpeckleRule,
+    Tick,
+    Usable,
+)
+from stereomend.refinement.stage_params import GdrParams, LdrParams
 
 
 class Backend(Protocol):
@@ -272,6 +53,14 @@ class Backend(Protocol):
 
     def shrink(self, image: Plane | Mask, size: Size) -> Plane:
         """Shrink to `size` by the area mean."""
+        ...
+
+    def shrink_sparse(self, sparse: Sparse, size: Size) -> Sparse:
+        """The area mean over valid pixels, times the width ratio; valid where half of the area is."""
+        ...
+
+    def sample_sparse(self, sparse: Sparse, size: Size) -> Sparse:
+        """Without averaging, times the width ratio: a pixel's centre falls on the one that it takes."""
         ...
 
     def shades(self, image: Image, size: Size) -> tuple[list[Plane], Plane]:
@@ -370,6 +159,10 @@ class Backend(Protocol):
         """w, (H, W) over 0 to 1 (R4), from 1 to 3 planes of levels, 0 to 255: the steepest counts."""
         ...
 
+    def glints(self, channels: Sequence[Plane], rule: GlintRule) -> tuple[Mask, Mask]:
+        """Pixels (H, W) that are bright and colourless, and those that are over `rule.nearly`."""
+        ...
+
     def fill_occlusions(self, u: Plane, known: Mask, rule: OcclusionRule) -> tuple[Plane, Mask]:
         """Give each occlusion among the unknown pixels the value on its left; and which those are (R2)."""
         ...
@@ -386,6 +179,14 @@ class Backend(Protocol):
 
         `matte`: no glint; `spoilt`: beside what a map hides, or a glint, where evidence cannot be compared.
         """
+        ...
+
+    def ground(self, polls: Polls, size: Size, rule: GroundRule) -> Ground:
+        """What the votes say at each pixel of a picture of `size` (R8, R9)."""
+        ...
+
+    def bend(self, u: Plane, polls: Polls, rule: BendRule) -> Plane:
+        """`u` (H, W), bent towards the plane around it where its match lies left of the right image (R7)."""
         ...
 
     def choose(self, rivals: Rivals, grounds: Grounds, rule: ChoiceRule) -> Plane:
@@ -413,5 +214,12 @@ class Backend(Protocol):
         """Pixels (H, W) not seen in the right image: outside of it, or hidden.
 
         Hidden: a pixel further right in the row lands at least 1 px left of this one's column there.
+        """
+        ...
+
+    def tell(self, u: Plane, origins: Origins) -> tuple[npt.NDArray[np.uint8], list[int]]:
+        """Values of `Provenance` for a map at input size, (H, W) px, and how many pixels have each.
+
+        Whether a pixel is kept is said by the one of the working size that its centre falls on.
         """
         ...

@@ -10,7 +10,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from stereomend.refinement.backends.base import Backend, Guide, Plane, Problem, ReuseRule, Size, Tick
+from stereomend.refinement.backends.base import Backend
+from stereomend.refinement.backends.data import (
+    Guide,
+    Plane,
+    Problem,
+    ReuseRule,
+    Size,
+    Tick,
+)
 from stereomend.refinement.stage_params import GdrParams
 
 SMALLEST_SIDE = 8

@@ -16,10 +16,10 @@ import numpy.typing as npt
 
 from stereomend.errors import BackendUnavailable
 from stereomend.refinement.backends import cuda_plan as plan
-from stereomend.refinement.backends.base import COPIES, UNGUIDED, Guide, Plane, Problem, Solved, Tick
 from stereomend.refinement.backends.cuda_compile import Sources, compile_kernels
 from stereomend.refinement.backends.cuda_faults import check_alive
 from stereomend.refinement.backends.cuda_solver import ARGUMENTS, Inputs, Solver
+from stereomend.refinement.backends.data import COPIES, UNGUIDED, Guide, Plane, Problem, Solved, Tick
 from stereomend.refinement.backends.native import NativeBackend
 from stereomend.refinement.stage_params import GdrParams
 

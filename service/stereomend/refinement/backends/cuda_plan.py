@@ -8,7 +8,9 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from stereomend.refinement.backends.base import Size
+from stereomend.refinement.backends.data import (
+    Size,
+)
 
 LANES = 32
 BLOCK_ROWS = 8

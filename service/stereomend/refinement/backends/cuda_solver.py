@@ -15,8 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from stereomend.refinement.backends import cuda_plan as plan
-from stereomend.refinement.backends.base import COPIES, Plane, ReuseRule, Size
 from stereomend.refinement.backends.coarse_to_fine import level_sizes, schedule
+from stereomend.refinement.backends.data import COPIES, Plane, ReuseRule, Size
 from stereomend.refinement.stage_params import GdrParams
 
 Address = int

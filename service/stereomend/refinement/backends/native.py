@@ -11,15 +11,22 @@ import numpy.typing as npt
 from stereomend import _native
 from stereomend.disparity import FloatMap, Image, Mask
 from stereomend.opencv import cv2
-from stereomend.refinement.backends.base import (
+from stereomend.refinement.backends.coarse_to_fine import coarse_to_fine
+from stereomend.refinement.backends.data import (
     HALF,
     SMALLEST,
     UNGUIDED,
+    BendRule,
+    Cells,
     ChoiceRule,
+    GlintRule,
+    Ground,
+    GroundRule,
     Grounds,
     Guide,
     OcclusionRule,
     Offer,
+    Origins,
     Plane,
     PollRule,
     Polls,
@@ -29,11 +36,11 @@ from stereomend.refinement.backends.base import (
     Rivals,
     Size,
     Solved,
+    Sparse,
     SpeckleRule,
     Tick,
     Usable,
 )
-from stereomend.refinement.backends.coarse_to_fine import coarse_to_fine
 from stereomend.refinement.stage_params import GdrParams, LdrParams
 
 
@@ -55,6 +62,16 @@ class NativeBackend:
         """See `Backend.shrink`."""
         samples = np.ascontiguousarray(image) if image.dtype == np.bool_ else self.plane(image)
         return self._engine.shrink(samples, *size)[0]
+
+    def shrink_sparse(self, sparse: Sparse, size: Size) -> Sparse:
+        """See `Backend.shrink_sparse`."""
+        return Sparse(
+            *self._engine.shrink_sparse(self.plane(sparse.u), _flags(sparse.valid), *size, half=HALF)
+        )
+
+    def sample_sparse(self, sparse: Sparse, size: Size) -> Sparse:
+        """See `Backend.sample_sparse`."""
+        return Sparse(*self._engine.sample_sparse(self.plane(sparse.u), _flags(sparse.valid), *size))
 
     def shades(self, image: Image, size: Size) -> tuple[list[Plane], Plane]:
         """See `Backend.shades`."""
@@ -156,6 +173,11 @@ class NativeBackend:
             planes, params.edge_level or np.inf, params.edge_power, params.edge_floor
         )
 
+    def glints(self, channels: Sequence[Plane], rule: GlintRule) -> tuple[Mask, Mask]:
+        """See `Backend.glints`."""
+        planes = [self.plane(channel) for channel in channels]
+        return self._engine.glints(planes, rule.saturation, rule.bright, rule.nearly)
+
     def fill_occlusions(self, u: Plane, known: Mask, rule: OcclusionRule) -> tuple[Plane, Mask]:
         """See `Backend.fill_occlusions`."""
         return self._engine.fill_occlusions(self.plane(u), known, rule.step, rule.stretch, rule.slack)
@@ -172,6 +194,14 @@ class NativeBackend:
         )
         planes = self._engine.poll(rivals, matte, spoilt, constants)
         return Polls(*planes.reshape(len(Polls._fields), -1, planes.shape[1]))
+
+    def ground(self, polls: Polls, size: Size, rule: GroundRule) -> Ground:
+        """See `Backend.ground`."""
+        return Ground(*self._engine.ground(_stacked(polls), *size, _native.GroundRule(**rule._asdict())))
+
+    def bend(self, u: Plane, polls: Polls, rule: BendRule) -> Plane:
+        """See `Backend.bend`."""
+        return self._engine.bend(self.plane(u), _stacked(polls), _native.BendRule(**rule._asdict()))
 
     def choose(self, rivals: Rivals, grounds: Grounds, rule: ChoiceRule) -> Plane:
         """See `Backend.choose`."""
@@ -190,6 +220,21 @@ class NativeBackend:
     def unobserved(self, u: Plane) -> Mask:
         """See `Backend.unobserved`."""
         return self._engine.unobserved(self.plane(u))
+
+    def tell(self, u: Plane, origins: Origins) -> tuple[npt.NDArray[np.uint8], list[int]]:
+        """See `Backend.tell`."""
+        initial, kept, scene, within = origins
+        scene = None if scene is None else _flags(scene)
+        planes = (self.plane(u), self.plane(initial.u), _flags(initial.valid), _flags(kept))
+        return self._engine.tell(*planes, scene, within)
+
+
+def _stacked(polls: Polls) -> Cells:
+    return np.concatenate(polls)
+
+
+def _flags(mask: Mask) -> Mask:
+    return np.ascontiguousarray(mask)
 
 
 def _rule(rule: SpeckleRule) -> _native.SpeckleRule:

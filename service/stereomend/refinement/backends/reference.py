@@ -13,16 +13,24 @@ import numpy as np
 import numpy.typing as npt
 
 from stereomend.disparity import Image, Mask
+from stereomend.refinement.backends import reference_cells as cells
 from stereomend.refinement.backends import reference_evidence as parts
 from stereomend.refinement.backends import reference_fusion as fusion
-from stereomend.refinement.backends.base import (
+from stereomend.refinement.backends import sizes
+from stereomend.refinement.backends.coarse_to_fine import coarse_to_fine
+from stereomend.refinement.backends.data import (
     SMALLEST,
     UNGUIDED,
+    BendRule,
     ChoiceRule,
+    GlintRule,
+    Ground,
+    GroundRule,
     Grounds,
     Guide,
     OcclusionRule,
     Offer,
+    Origins,
     Plane,
     PollRule,
     Polls,
@@ -32,11 +40,11 @@ from stereomend.refinement.backends.base import (
     Rivals,
     Size,
     Solved,
+    Sparse,
     SpeckleRule,
     Tick,
     Usable,
 )
-from stereomend.refinement.backends.coarse_to_fine import coarse_to_fine
 from stereomend.refinement.backends.reference_search import (
     NEIGHBOURS,
     Land,
@@ -74,7 +82,15 @@ class ReferenceBackend:
 
     def shrink(self, image: Plane | Mask, size: Size) -> Plane:
         """See `Backend.shrink`."""
-        return _apply(area_weights, self.plane(image), size)
+        return sizes.resized(sizes.area_weights, self.plane(image), size)
+
+    def shrink_sparse(self, sparse: Sparse, size: Size) -> Sparse:
+        """See `Backend.shrink_sparse`."""
+        return sizes.shrink_sparse(sparse, size, self.shrink)
+
+    def sample_sparse(self, sparse: Sparse, size: Size) -> Sparse:
+        """See `Backend.sample_sparse`."""
+        return sizes.sample_sparse(sparse, size)
 
     def shades(self, image: Image, size: Size) -> tuple[list[Plane], Plane]:
         """See `Backend.shades`."""
@@ -94,14 +110,14 @@ class ReferenceBackend:
 
     def enlarge(self, image: Plane, size: Size) -> Plane:
         """See `Backend.enlarge`."""
-        return _apply(linear_weights, image, size)
+        return sizes.resized(sizes.linear_weights, image, size)
 
     def confidence(self, left: Plane, right: Plane, u: Plane, usable: Usable, params: LdrParams) -> Plane:
         """See `Backend.confidence`."""
         left, right, u = self.plane(left), self.plane(right), self.plane(u)
         position = np.arange(u.shape[1]) - u
         inside = (position >= 0) & (position <= u.shape[1] - 1)
-        smooth = smoothness(u, usable.valid, params) ** params.smoothness_power
+        smooth = parts.smoothness(u, usable.valid, params) ** params.smoothness_power
         difference = np.abs(left - warp(right, u)) / np.maximum(left, MIN_GREY)
         photometric = np.maximum(0, 1 - params.photometric_weight * difference)
         return np.where(usable.valid & usable.matte & inside, smooth * photometric, 0.0)
@@ -164,7 +180,7 @@ class ReferenceBackend:
 
     def halve(self, planes: Sequence[Plane]) -> list[Plane]:
         """See `Backend.halve`."""
-        return [_apply(area_weights, plane, parts.half_of(plane)) for plane in planes]
+        return [sizes.resized(sizes.area_weights, plane, parts.half_of(plane)) for plane in planes]
 
     def halve_weighed(self, u: Plane, weight: Plane) -> tuple[Plane, Plane]:
         """See `Backend.halve_weighed`."""
@@ -195,6 +211,12 @@ class ReferenceBackend:
         weight: Array = np.exp(-((steepest / (params.edge_level or np.inf)) ** params.edge_power))
         return np.maximum(weight, params.edge_floor)
 
+    def glints(self, channels: Sequence[Plane], rule: GlintRule) -> tuple[Mask, Mask]:
+        """See `Backend.glints`."""
+        largest, smallest = np.max(channels, axis=0), np.min(channels, axis=0)
+        colourless = largest - smallest < rule.saturation * largest
+        return colourless & (largest > rule.bright), largest > rule.nearly
+
     def fill_occlusions(self, u: Plane, known: Mask, rule: OcclusionRule) -> tuple[Plane, Mask]:
         """See `Backend.fill_occlusions`."""
         u, filled = self.plane(u), np.zeros(u.shape, np.bool_)
@@ -212,6 +234,14 @@ class ReferenceBackend:
     def poll(self, rivals: Rivals, matte: Mask, spoilt: Mask, rule: PollRule) -> Polls:
         """See `Backend.poll`."""
         return fusion.poll(rivals, matte, spoilt, rule)
+
+    def ground(self, polls: Polls, size: Size, rule: GroundRule) -> Ground:
+        """See `Backend.ground`."""
+        return cells.ground(polls, size, rule)
+
+    def bend(self, u: Plane, polls: Polls, rule: BendRule) -> Plane:
+        """See `Backend.bend`."""
+        return cells.bend(self.plane(u), polls, rule)
 
     def choose(self, rivals: Rivals, grounds: Grounds, rule: ChoiceRule) -> Plane:
         """See `Backend.choose`."""
@@ -244,48 +274,9 @@ class ReferenceBackend:
         unseen: Mask = hidden | (column < 0) | (column > width - 1)
         return unseen
 
-
-def area_weights(source: int, target: int) -> Array:
-    """Shares of `source` pixels in each of `target` larger ones, (target, source); rows sum to 1."""
-    edges = np.arange(target + 1) * (source / target)
-    upper = np.minimum(edges[1:, None], np.arange(1, source + 1))
-    lower = np.maximum(edges[:-1, None], np.arange(source))
-    weights: Array = np.maximum(0, upper - lower) * (target / source)
-    return weights
-
-
-def linear_weights(source: int, target: int) -> Array:
-    """Weights of linear interpolation between pixel centres, borders repeated, (target, source)."""
-    position = np.clip((np.arange(target) + 0.5) * (source / target) - 0.5, 0, source - 1)
-    weights: Array = np.maximum(0, 1 - np.abs(position[:, None] - np.arange(source)))
-    return weights
-
-
-def _apply(weights: Any, image: Plane, size: Size) -> Array:
-    rows, columns = (weights(*sides) for sides in zip(image.shape[:2], size, strict=True))
-    result: Array = np.einsum("ij,jk...->ik...", rows, np.einsum("ij,kj...->ki...", columns, image))
-    return result
-
-
-def window_sum(values: Array, radius: int) -> Array:
-    """Sums over the square window around each pixel, as far as it lies inside, (H, W)."""
-    for axis in (0, 1):
-        total = np.concatenate([np.zeros_like(values.take([0], axis)), np.cumsum(values, axis)], axis)
-        at = np.arange(values.shape[axis])
-        last = np.minimum(at + radius + 1, values.shape[axis])
-        values = total.take(last, axis) - total.take(np.maximum(at - radius, 0), axis)
-    return values
-
-
-def smoothness(u: Array, valid: Mask, params: LdrParams) -> Array:
-    """C_s (Eq. 1), in [0, 1]; 0 where the mean over the window is not positive."""
-    radius = params.window // 2
-    total = window_sum(np.where(valid, u, 0.0), radius)
-    count = window_sum(valid.astype(np.float64), radius)
-    mean = np.divide(total, count, out=np.zeros_like(u), where=(count > 0) & (total > 0))
-    deviation = np.divide(np.abs(u - mean), mean, out=np.full_like(u, np.inf), where=mean > 0)
-    with np.errstate(invalid="ignore"):
-        return np.where(mean > 0, np.maximum(0, 1 - params.smoothness_weight * deviation), 0.0)
+    def tell(self, u: Plane, origins: Origins) -> tuple[npt.NDArray[np.uint8], list[int]]:
+        """See `Backend.tell`."""
+        return sizes.tell(u, self.unobserved(u), origins)
 
 
 def warp(right: Array, u: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Windows and patches of the reference: what evidence and confidence are made of (R1), in NumPy float64."""
+"""Windows and patches of the reference: what evidence and confidence are made of (Eq. 1, R1), in float64."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from stereomend.disparity import Mask
-from stereomend.refinement.backends.base import Plane, Size
+from stereomend.refinement.backends.data import Plane, Size
+from stereomend.refinement.stage_params import LdrParams
 
 Array = npt.NDArray[np.float64]
 
@@ -83,3 +84,24 @@ def _joined(u: Array, valid: Mask, soft: Mask, step: float, axis: int) -> Mask:
     u, valid, soft = np.moveaxis(u, axis, 0), np.moveaxis(valid, axis, 0), np.moveaxis(soft, axis, 0)
     joined: Mask = (np.abs(np.diff(u, axis=0)) <= step) | soft[1:] | soft[:-1]
     return joined & valid[1:] & valid[:-1]
+
+
+def window_sum(values: Array, radius: int) -> Array:
+    """Sums over the square window around each pixel, as far as it lies inside, (H, W)."""
+    for axis in (0, 1):
+        total = np.concatenate([np.zeros_like(values.take([0], axis)), np.cumsum(values, axis)], axis)
+        at = np.arange(values.shape[axis])
+        last = np.minimum(at + radius + 1, values.shape[axis])
+        values = total.take(last, axis) - total.take(np.maximum(at - radius, 0), axis)
+    return values
+
+
+def smoothness(u: Array, valid: Mask, params: LdrParams) -> Array:
+    """C_s (Eq. 1), in [0, 1]; 0 where the mean over the window is not positive."""
+    radius = params.window // 2
+    total = window_sum(np.where(valid, u, 0.0), radius)
+    count = window_sum(valid.astype(np.float64), radius)
+    mean = np.divide(total, count, out=np.zeros_like(u), where=(count > 0) & (total > 0))
+    deviation = np.divide(np.abs(u - mean), mean, out=np.full_like(u, np.inf), where=mean > 0)
+    with np.errstate(invalid="ignore"):
+        return np.where(mean > 0, np.maximum(0, 1 - params.smoothness_weight * deviation), 0.0)

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from stereomend.disparity import Mask
-from stereomend.refinement.backends.base import (
+from stereomend.refinement.backends.data import (
     CELL,
     HALF,
     ChoiceRule,

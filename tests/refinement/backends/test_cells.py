@@ -4,10 +4,18 @@ import numpy as np
 import pytest
 
 from stereomend.refinement import select_backend
-from stereomend.refinement.backends import CELL
-from stereomend.refinement.smooth import PlaneFit, Sums, blurred, fit_planes, pixels, ramp, ratio
+from stereomend.refinement.backends import CELL, BendRule, GroundRule, Polls
+from stereomend.refinement.backends.reference_cells import (
+    PlaneFit,
+    Sums,
+    blurred,
+    fit_planes,
+    pixels,
+    ramp,
+    ratio,
+)
 
-NATIVE = select_backend("native", threads=2)
+NATIVE, REFERENCE = select_backend("native", threads=2), select_backend("reference")
 SIZES = [(1, 1), (1, 33), (33, 1), (5, 7), (61, 47), (200, 150)]
 
 
@@ -23,14 +31,13 @@ def means(values):
 
 
 def back(cells, size):
-    return pixels(cells, size, NATIVE)
+    return pixels(cells, size)
 
 
 @pytest.mark.parametrize("size", SIZES)
 def test_a_constant_stays_one_through_cells_and_back(size):
     found = back(blurred(means(np.full(size, 3.5)), 20), size)
     assert found.shape == size
-    assert found.dtype == np.float32
     assert np.allclose(found, 3.5)
 
 
@@ -126,3 +133,71 @@ def test_planes_fit_pictures_of_any_size(size):
         assert found.shape == size
     assert np.allclose(fit.value, 6, atol=1e-3)
     assert np.allclose(fit.support, 1, atol=1e-5)
+
+
+def polls_of(size, seed=2):
+    """Votes as pictures have them: none at all in some places."""
+    rng = np.random.default_rng(seed)
+    shape = tuple(-(-side // CELL) for side in size)
+    some = rng.random(shape) < 0.7
+    voted, shown = rng.random(shape) * some, rng.random(shape)
+    agreed, fair = voted * rng.random(shape), voted * rng.random(shape)
+    lead, level = fair * rng.normal(0, 0.01, shape), fair * rng.random(shape)
+    of_u = shown * rng.uniform(5, 60, shape)
+    of_square = of_u**2 / np.maximum(shown, 1e-9) + shown * rng.random(shape)
+    return Polls(voted, agreed, fair, lead, level, shown, of_u, of_square)
+
+
+RULE = GroundRule(30, 24, 0.1, 0.62, 0.75, 0.008, 0.002)
+
+
+@pytest.mark.parametrize("rule", [RULE, RULE._replace(trust=400, evidence=1)], ids=["usual", "far beyond"])
+@pytest.mark.parametrize("size", SIZES)
+def test_grounds_match_the_reference(size, rule):
+    polls = polls_of(size)
+    for found, expected in zip(
+        NATIVE.ground(polls, size, rule), REFERENCE.ground(polls, size, rule), strict=True
+    ):
+        assert found.shape == size
+        assert np.abs(found - expected).max() < 2e-6
+
+
+@pytest.mark.parametrize("window", [4.0, 40.0, 900.0])
+@pytest.mark.parametrize("size", SIZES)
+def test_bent_maps_match_the_reference(size, window):
+    u = np.random.default_rng(4).uniform(0, 1.2 * size[1], size).astype(np.float32)
+    polls, rule = polls_of(size), BendRule(window, 0.1, 1.0)
+    found, expected = NATIVE.bend(u, polls, rule), REFERENCE.bend(u, polls, rule)
+    assert np.abs(found - expected).max() < 2e-5 * size[1] + 1e-5
+
+
+def test_a_map_is_bent_only_where_its_match_lies_left_of_the_right_image():
+    size = (40, 80)
+    y, x = np.indices(size)
+    truth = 20 + 0.1 * x + 0.05 * y
+    u = np.where(x < truth, truth - 1, truth)
+    polls = polls_of(size)._replace(
+        shown=means(x >= truth), of_u=means((x >= truth) * truth), of_square=means((x >= truth) * truth**2)
+    )
+    for backend in (NATIVE, REFERENCE):
+        bent = backend.bend(backend.plane(u), polls, BendRule(30.0, 0.1, 1.0))
+        assert (bent[x >= u] == backend.plane(u)[x >= u]).all()
+        # It was 1 px off; the ridge holds the slope back.
+        assert np.abs(bent - truth)[x < u].max() < 0.6
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+def test_grounds_are_bitwise_equal_for_any_number_of_threads(threads):
+    size, polls, other = (200, 150), polls_of((200, 150)), select_backend("native", threads=threads)
+    for found, expected in zip(
+        other.ground(polls, size, RULE), NATIVE.ground(polls, size, RULE), strict=True
+    ):
+        assert (found == expected).all()
+    u = np.full(size, 30, np.float32)
+    rule = BendRule(30.0, 0.1, 1.0)
+    assert (other.bend(u, polls, rule) == NATIVE.bend(u, polls, rule)).all()
+
+
+def test_polls_of_another_picture_are_refused():
+    with pytest.raises(ValueError, match="polls"):
+        NATIVE.ground(polls_of((61, 47)), (61, 49), RULE)

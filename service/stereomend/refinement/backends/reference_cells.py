@@ -1,4 +1,7 @@
-"""Averages over wide windows, on a coarse grid: they change too slowly to be computed for every pixel."""
+"""Averages over wide windows, on a coarse grid: they change too slowly to be computed for every pixel.
+
+What the choice between two maps is made on, and how a map is continued beyond the frame (R7 to R9).
+"""
 
 from __future__ import annotations
 
@@ -7,19 +10,28 @@ from typing import NamedTuple
 import numpy as np
 
 from stereomend.opencv import cv2
-from stereomend.refinement.backends import CELL, Backend, Cells, Plane, Size
+from stereomend.refinement.backends.data import (
+    CELL,
+    BendRule,
+    Cells,
+    Ground,
+    GroundRule,
+    Plane,
+    Polls,
+    Size,
+)
+from stereomend.refinement.backends.sizes import linear_weights, resized
 
 _RIDGE = 0.02  # of the squared window: along a line, the slope across it stays near 0
 _NOTHING = 1e-6  # a weight below which there is nothing to average
+_TOUCHED = 1e-4  # support of a plane
 
 
-def pixels(cells: Cells, size: Size, backend: Backend) -> Plane:
-    """The pixels (H, W) of a picture, or of its left part, bilinearly."""
+def pixels(cells: Cells, size: Size) -> Cells:
+    """The pixels (H, W) of a picture, bilinearly."""
     height, width = size
-    # One more, for the last pixels lie beyond the centre of their cell.
-    part = cells[:, : -(-width // CELL) + 1]
-    whole = (part.shape[0] * CELL, part.shape[1] * CELL)
-    return np.ascontiguousarray(backend.enlarge(backend.plane(part), whole)[:height, :width])
+    whole = (cells.shape[0] * CELL, cells.shape[1] * CELL)
+    return resized(linear_weights, cells, whole)[:height, :width]
 
 
 def blurred(cells: Cells, width_px: float) -> Cells:
@@ -75,3 +87,38 @@ def fit_planes(sums: Sums, width_px: float) -> PlaneFit:
     residual = np.maximum(mean(sums.of_square) - at_u**2 - along_x * xu - along_y * yu, 0)
     value = at_u + along_x * (x - at_x) + along_y * (y - at_y)
     return PlaneFit(value, residual, total)
+
+
+def ground(polls: Polls, size: Size, rule: GroundRule) -> Ground:
+    """See `Backend.ground`."""
+    trust = _trust(polls, rule)
+    equal, usual = _compared(polls, rule)
+    equal *= ramp(trust, rule.min_trust, rule.full_trust)
+    return Ground(*(pixels(cells, size) for cells in (trust, equal, usual)))
+
+
+def _trust(polls: Polls, rule: GroundRule) -> Cells:
+    agreed, voted = (
+        blurred(cells, rule.trust) + rule.far_share * blurred(cells, rule.far * rule.trust)
+        for cells in (polls.agreed, polls.voted)
+    )
+    return ratio(agreed, voted)
+
+
+def _compared(polls: Polls, rule: GroundRule) -> tuple[Cells, Cells]:
+    """Whether the upload's evidence is as good where both agree, and how much there is for GDR's map (R9)."""
+    number, lead, level = (
+        blurred(cells, rule.evidence) + rule.far_share * float(cells.mean())
+        for cells in (polls.fair, polls.lead, polls.level)
+    )
+    return ramp(ratio(lead, level), -rule.worse_by, -rule.equal_within), ratio(level, number)
+
+
+def bend(u: Plane, polls: Polls, rule: BendRule) -> Plane:
+    """See `Backend.bend`."""
+    fit = fit_planes(Sums(polls.shown, polls.of_u, polls.of_square), rule.window)
+    value, residual, support = (pixels(cells, (u.shape[0], u.shape[1])) for cells in fit)
+    limit = rule.bend * np.maximum(u, 1)
+    step = np.clip(value - u, -limit, limit) / (1 + residual / rule.flat**2)
+    outside = (np.arange(u.shape[1]) < u) & (support > _TOUCHED)
+    return np.where(outside, np.maximum(u + step, 0), u)
