@@ -158,8 +158,8 @@ class PyCudaDevice:
             self._context.push()
             try:
                 yield
-            except Exception:
-                check_alive()
+            except Exception as error:
+                check_alive(_line(error))
                 raise
             finally:
                 self._context.pop()

@@ -28,8 +28,8 @@ STICKY = {
 """Names of the errors (CUresult) after which every call of a process gives the same answer."""
 
 
-def check_alive() -> None:
-    """Wait until the current context is done with all work; call it after an error.
+def check_alive(said: str) -> None:
+    """Wait until the current context is done with all work; call it after an error that said so much.
 
     Raises:
         DeviceFault: the context is lost, and with it this process's way to the device.
@@ -38,6 +38,6 @@ def check_alive() -> None:
     code = ctypes.CDLL("libcuda.so.1").cuCtxSynchronize()
     if code not in (0, OUT_OF_MEMORY):
         raise DeviceFault(
-            f"the GPU failed with CUDA error {code} ({STICKY.get(code, 'of no known name')}); "
-            "only a new process can use it again"
+            f"the GPU failed with CUDA error {code} ({STICKY.get(code, 'of no known name')}), and only a new "
+            f"process can use it again; {said}"
         )
