@@ -4,9 +4,9 @@
     python benchmarks/load.py --seconds 10 --requests 20
 
 Half of the clients ask for refinements and wait, half submit durable jobs and wait for their results. The
-server holds fewer of each than there are clients, who ask again after 429 when they are told to. Ends with
-1 if there was any other error, if an accepted client waited longer than the queue explains, or if memory
-grew. All figures go to `benchmarks/results/load.json`.
+server holds fewer of each than there are clients, who ask again after 429 when they are told to. Ends with 1
+if there was any other error, if an accepted client waited longer than the queue explains, or if memory grew.
+All figures go to `benchmarks/results/load.json`.
 """
 
 import argparse

@@ -10,6 +10,8 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import httpx
@@ -66,8 +68,10 @@ class Target(NamedTuple):
 @contextmanager
 def target() -> Iterator[Target]:
     """A server of its own, with the default limits but for `MOST_PIXELS`."""
-    with server_process(load_settings(port=0, max_pixels=MOST_PIXELS)) as server:
-        yield Target(server.url, server.process.pid)
+    with TemporaryDirectory() as folder:
+        settings = load_settings(port=0, max_pixels=MOST_PIXELS, data_dir=Path(folder))
+        with server_process(settings) as server:
+            yield Target(server.url, server.process.pid)
 
 
 def post_mutants(server: Target, format: Format, numbers: range, seed: int) -> Posted:

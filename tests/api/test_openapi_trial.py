@@ -21,7 +21,8 @@ LEFT_OUT = "positive_data_acceptance"
 
 @pytest.fixture
 def asked(tmp_path):
-    with server_process(load_settings(port=0, max_pixels=100_000, api_keys=KEY)) as server:
+    settings = load_settings(port=0, max_pixels=100_000, api_keys=KEY, data_dir=tmp_path / "data")
+    with server_process(settings) as server:
         yield ask(server.url, tmp_path / "events.ndjson")
 
 
