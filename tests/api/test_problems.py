@@ -19,13 +19,13 @@ def tree(root=StereomendError):
         yield from tree(branch)
 
 
-def get(app, path):
+def get(app, path, **headers):
     """Ask an application whose workers are not started."""
 
     async def ask():
         transport = httpx.ASGITransport(app)
         async with httpx.AsyncClient(transport=transport, base_url="http://localhost") as client:
-            return await client.get(path)
+            return await client.get(path, headers=headers)
 
     return asyncio.run(ask())
 
@@ -59,14 +59,14 @@ def test_the_map_names_errors_only():
 
 
 def test_an_unexpected_fault_is_a_problem_document_and_logged(caplog):
-    app = create_app(load_settings(backend="reference"))
+    app = create_app(load_settings(backend="reference", api_keys="of-a-test"))
 
     @app.get("/fault")
     async def fault():
         raise ZeroDivisionError("secret")
 
     with caplog.at_level(logging.ERROR):
-        response = get(app, "/fault")
+        response = get(app, "/fault", Authorization="Bearer of-a-test")
     assert response.status_code == 500
     document = response.json()
     assert document["type"] == "/problems/internal-error"

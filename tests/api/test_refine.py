@@ -165,7 +165,7 @@ def test_the_log_has_one_line_per_request_and_no_names_of_files(serving, post, s
     text = server.log.read_text()
     lines = [json.loads(line) for line in text.splitlines()]
     found = [line for line in lines if line.get("request_id") in ("frame-18", "frame-19")]
-    assert [(line["method"], line["path"], line["status"]) for line in found] == [
+    assert [(line["method"], line["route"], line["status"]) for line in found] == [
         ("POST", "/v1/refine", 200),
         ("POST", "/v1/refine", 415),
     ]

@@ -77,11 +77,17 @@ class KeyRing:
             if began - self._read_at < _FRESH_S:
                 return
             if self._store is None:
-                raise NotReady("the server is starting")
+                raise _starting()
             keys = await asyncio.to_thread(self._store.live)
             self._of_store = [Principal(key.id, _with_implied(key.scopes), key.digest) for key in keys]
             self._needed = self._needed or bool(keys)
             self._read_at = began
+
+
+def _starting() -> NotReady:
+    error = NotReady("the server is starting")
+    error.retry_after = 1
+    return error
 
 
 def _match(digest: bytes, principals: Iterable[Principal]) -> Principal | None:
