@@ -19,6 +19,7 @@ Team::Team(int wanted) {
     sched_getaffinity(0, sizeof allowed_, &allowed_);
     for (int core = 0; core < CPU_SETSIZE; ++core)
         if (CPU_ISSET(core, &allowed_)) cores_.push_back(core);
+    lingers_ = wanted <= static_cast<int>(cores_.size());
     others_.reserve(wanted > 1 ? wanted - 1 : 0);
     try {
         for (int member = 1; member < wanted; ++member) others_.emplace_back([this, member] { serve(member); });
@@ -97,7 +98,7 @@ void Team::serve(int member) {
     while (true) {
         const std::function<void(int)>* body = nullptr;
         bool slept = false;
-        linger(done);
+        if (lingers_) linger(done);
         {
             std::unique_lock<std::mutex> lock(mutex_);
             while (!ending_ && job_ == done) {

@@ -76,6 +76,7 @@ private:
 
     cpu_set_t allowed_;
     std::vector<int> cores_;
+    bool lingers_ = false;  // there is a core for each
     std::vector<std::thread> others_;
     Barrier barrier_;
     std::mutex mutex_;

@@ -12,6 +12,7 @@ from fastapi.exceptions import RequestValidationError
 from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
 from starlette.responses import Response
+from starlette.routing import Match, Route
 from starlette.types import Scope
 
 from stereomend import errors
@@ -102,7 +103,16 @@ async def _framework(request: Request, error: Exception) -> Response:
     detail = f"{failure.detail}: {request.method} {request.url.path}"
     response = Problem(kind(detail), request.scope, failure.status_code)
     response.headers.update(failure.headers or {})
+    if failure.status_code == HTTPStatus.METHOD_NOT_ALLOWED:
+        response.headers["Allow"] = ", ".join(sorted(_methods(request)))
     return response
+
+
+def _methods(request: Request) -> set[str]:
+    """What the resource can be asked: the framework names only the methods of its first route."""
+    routes = [route for route in request.app.routes if isinstance(route, Route)]
+    found = (route.methods or set() for route in routes if route.matches(request.scope)[0] is not Match.NONE)
+    return set().union(*found)
 
 
 async def _validation(request: Request, error: Exception) -> Response:
