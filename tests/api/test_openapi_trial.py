@@ -15,8 +15,7 @@ from stereomend.settings import load_settings
 HERE, BENCHMARKS = Path(__file__).parent, Path(__file__).parents[2] / "benchmarks"
 KEY = "key-of-the-trial"
 EXAMPLES = 100
-# Bytes are a valid file to the document, not to the server; and a bad parameter may be sent as `?=true`, which
-# has none.
+# Bytes are a valid file to the document, not to the server; a bad parameter may be sent as `?=true`: as none.
 LEFT_OUT = "positive_data_acceptance,negative_data_rejection"
 
 
