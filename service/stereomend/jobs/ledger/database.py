@@ -118,7 +118,7 @@ class Database:
         if found - known:
             raise ConfigurationError(
                 f"its schema {', '.join(found - known)} is newer than this Stereomend, "
-                f"which knows {', '.join(sorted(known))}"
+                f"which knows {max(known)}"
             )
         command.upgrade(config, "head")
 
