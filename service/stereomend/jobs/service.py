@@ -19,6 +19,7 @@ from stereomend.errors import (
     JobNotFinished,
     NotReady,
     QueueFull,
+    QuotaExceeded,
     ResultExpired,
     StereomendError,
     Unavailable,
@@ -312,11 +313,17 @@ class JobService:
         except (InputError, QueueFull, DiskFull) as error:
             await self._forget(job)
             if error.retry_after is None and isinstance(error, Unavailable):
-                error.retry_after = math.ceil(self._pool.pace_s * self._settings.max_queued_jobs / 2)
+                error.retry_after = self._half_done_s(isinstance(error, QuotaExceeded))
             raise
         if accepted.replayed:
             await self._forget(job)
         return accepted
+
+    def _half_done_s(self, of_one_key: bool) -> int:
+        """When half of what fills the queue, or a key's part of it, will be done at the pace so far."""
+        settings = self._settings
+        held = settings.max_jobs_per_key if of_one_key else settings.max_queued_jobs
+        return math.ceil(self._pool.pace_s * held / settings.workers / 2)
 
     async def _forget(self, job: NewJob) -> None:
         await self._store.move(self._store.blobs.delete, inputs_blob(job.id))
