@@ -48,8 +48,11 @@ class Awaited:
         return await begun
 
     def each(self, generator):
-        while (item := self.runner.run(self.outcome(anext(generator, None)))) is not None:
-            yield self.wrapped(item)
+        try:
+            while (item := self.runner.run(self.outcome(anext(generator, None)))) is not None:
+                yield self.wrapped(item)
+        finally:
+            self.runner.run(generator.aclose())
 
     def wrapped(self, value):
         return Awaited(self.runner, value) if hasattr(value, "refresh") else value
@@ -141,6 +144,7 @@ def test_progress_is_told_while_a_job_runs(client, submit):
         pass
     assert 0 <= status.steps[0] <= status.steps[1]
     assert status.state == "running"
+    told.close()
     job.delete()
 
 
