@@ -48,10 +48,9 @@ PRESETS: Mapping[str, Preset] = MappingProxyType(
             GdrParams(
                 data_weight=0.9,
                 levels=6,
-                warps=2,
-                iterations=18,
-                coarse_warps=7,
-                coarse_iterations=15,
+                warps=3,
+                iterations=12,
+                coarse_warps=9,
                 averaging_px=3.5,
                 observed_only=True,
                 edge_level=13.0,
