@@ -27,7 +27,14 @@ class Terminal:
     def __init__(self, folder, *arguments):
         self.shown, master, slave = "", *pty.openpty()
         command = [sys.executable, "-m", "stereomend", *map(str, arguments)]
-        self.process = subprocess.Popen(command, stderr=slave, stdout=subprocess.PIPE, cwd=folder, text=True)
+        self.process = subprocess.Popen(
+            command,
+            stderr=slave,
+            stdout=subprocess.PIPE,
+            cwd=folder,
+            text=True,
+            preexec_fn=hear_interrupts,  # noqa: PLW1509
+        )
         os.close(slave)
         self.reading = threading.Thread(target=self.read, args=(master,))
         self.reading.start()
@@ -44,6 +51,11 @@ class Terminal:
         self.stdout, _ = self.process.communicate(timeout=60)
         self.reading.join(60)
         return self.process.returncode
+
+
+def hear_interrupts():
+    """As in a terminal's foreground: a shell has what runs in the background ignore them."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 @pytest.fixture
