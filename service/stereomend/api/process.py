@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import os
-import signal
 import socket
 import sys
-from types import FrameType
-from typing import NoReturn
 
 import uvicorn
 
@@ -27,8 +24,6 @@ STOP_S = GRACE_S + 5
 
 def serve_on(listener: socket.socket, lifeline: socket.socket) -> int:
     """Serve until SIGTERM or SIGINT, as the environment says; returns an exit code, 2 for bad settings."""
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, _end)
     try:
         settings = load_settings()
         # Workers inherit the environment.
@@ -68,7 +63,3 @@ async def _serve(settings: Settings, listener: socket.socket, lifeline: socket.s
     async with running(app):
         lifeline.send(READY)
         await _Server(config, app.state.service).serve([listener])
-
-
-def _end(number: int, frame: FrameType | None) -> NoReturn:
-    raise SystemExit(0)
