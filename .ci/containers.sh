@@ -145,7 +145,7 @@ stop() {
 refused() {
   local code=0 expected=$1 words=$2
   shift 2
-  (contained "$@" -- timeout 20 "${entrypoint[@]}" "${command[@]}") 2> "$work/refused.log" || code=$?
+  (contained "$@" -- timeout 60 "${entrypoint[@]}" "${command[@]}") 2> "$work/refused.log" || code=$?
   if [ "$code" -ne "$expected" ] || [ "$(grep -vc ' INFO ' "$work/refused.log")" -ne 1 ] \
     || ! grep -q "$words" "$work/refused.log"; then
     cat "$work/refused.log"

@@ -83,8 +83,9 @@ def test_a_process_that_used_the_device_ends_without_a_word(emulated):
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
-def test_a_server_that_is_told_to_use_cuda_ends_with_one_line_without_it():
-    env = os.environ | {"CUDA_VISIBLE_DEVICES": "", "LD_LIBRARY_PATH": ""}
+def test_a_server_that_is_told_to_use_cuda_ends_with_one_line_without_it(tmp_path):
+    nowhere = {"CUDA_VISIBLE_DEVICES": "", "LD_LIBRARY_PATH": ""}
+    env = os.environ | nowhere | {"STEREOMEND_DATA_DIR": str(tmp_path)}
     command = [sys.executable, "-m", "stereomend", "serve", "--backend", "cuda", "--port", "0"]
     done = subprocess.run(command, env=env, capture_output=True, text=True, timeout=60, check=False)
     lines = [line for line in done.stderr.splitlines() if " INFO " not in line]
