@@ -63,6 +63,7 @@ def create_app(settings: Settings, tracing: Tracing | None = None) -> FastAPI:
     for router in _OPEN:
         app.include_router(router)
     app.mount(docs.ASSETS_PATH, docs.assets())
+    app.state.routes = _routes(app)
     add_handlers(app)
     _wrap(app, ring, meters, tracing)
     describe(app)
@@ -95,9 +96,13 @@ def _wrap(app: FastAPI, ring: KeyRing, meters: Meters, tracing: Tracing | None) 
         from stereomend.api.tracing import Traced
 
         app.add_middleware(Traced, tracing=tracing)
-    of_routers = [route for router in (*_GUARDED, *_OPEN) for route in router.routes]
-    routes = [route for route in (*of_routers, *app.routes) if isinstance(route, Route | Mount)]
-    app.add_middleware(Envelope, meters=meters, routes=routes)
+    app.add_middleware(Envelope, meters=meters, routes=app.state.routes)
+
+
+def _routes(app: FastAPI) -> list[Route | Mount]:
+    # The framework keeps an included router whole, its routes hidden within.
+    of_routers = (route for router in (*_GUARDED, *_OPEN) for route in router.routes)
+    return [route for route in (*of_routers, *app.routes) if isinstance(route, Route | Mount)]
 
 
 def _configured_tracing() -> Tracing | None:

@@ -110,9 +110,13 @@ async def _framework(request: Request, error: Exception) -> Response:
 
 def _methods(request: Request) -> set[str]:
     """What the resource can be asked: the framework names only the methods of its first route."""
-    routes = [route for route in request.app.routes if isinstance(route, Route)]
-    found = (route.methods or set() for route in routes if route.matches(request.scope)[0] is not Match.NONE)
-    return set().union(*found)
+    routes = [route for route in request.app.state.routes if isinstance(route, Route)]
+    return {
+        method
+        for route in routes
+        if route.matches(request.scope)[0] is not Match.NONE
+        for method in route.methods or ()
+    }
 
 
 async def _validation(request: Request, error: Exception) -> Response:
