@@ -4,6 +4,7 @@ import asyncio
 import os
 import signal
 import subprocess
+import time
 from contextlib import asynccontextmanager, suppress
 from multiprocessing import active_children
 
@@ -132,9 +133,12 @@ def test_a_job_waits_for_the_next_server(serve, submission):
     assert serve(collect) == [map_of(submission(SLOW)), map_of(submission())]
 
 
-def test_what_runs_is_finished_within_the_grace(submission, tmp_path):
+@pytest.mark.parametrize("reading_s", [0, 0.3])
+def test_what_runs_is_finished_within_the_grace(submission, tmp_path, reading_s):
     async def scenario():
         async with service(tmp_path, grace_s=60) as jobs:
+            blobs = jobs.store.blobs
+            read, blobs.get = blobs.get, lambda name: (time.sleep(reading_s), read(name))[1]
             id = (await jobs.submit(submission(SLOW))).record.id
             await until(jobs, id, JobState.RUNNING)
         async with service(tmp_path) as jobs:

@@ -63,14 +63,17 @@ class Runner:
         """Begin to claim jobs."""
         self._dispatching = asyncio.create_task(self._dispatch())
 
-    async def stop(self) -> None:
-        """Claim no more and wait until all that run have ended, which the pool that stops sees to."""
+    async def close(self) -> None:
+        """Claim no more; what was claimed last has been handed to the pool when this returns."""
         self._stopping = True
         if self._dispatching:
             self._dispatching.cancel()
             await asyncio.wait([self._dispatching])
         if self._claiming:
             await asyncio.wait([self._claiming])
+
+    async def stop(self) -> None:
+        """Wait until all that run have ended, which the pool that stops sees to; follows `close`."""
         if self._attending:
             await asyncio.wait(self._attending)
 

@@ -101,6 +101,8 @@ class JobService:
             chore.cancel()
         if self._accepting:
             await asyncio.wait(self._accepting, timeout=grace_s)
+        if self._opened:
+            await self._runner.close()
         await asyncio.gather(self._pool.stop(grace_s), *([self._runner.stop()] if self._opened else []))
         if self._opened:
             store, self._opened = self._store, None
