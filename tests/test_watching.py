@@ -80,7 +80,7 @@ def jobs(server):
     return httpx.get(f"{server.url}/v1/jobs").json()["jobs"]
 
 
-SLOW = ("--scale", "1", "--set", "gdr.levels=1", "--set", "gdr.iterations=1500", "--set", "gdr.warps=12")
+SLOW = ("--scale", "1", "--set", "gdr.levels=1", "--set", "gdr.iterations=1000", "--set", "gdr.warps=18")
 
 
 def test_a_terminal_shows_how_far_the_server_is_and_nothing_is_left_there(serving, watch, folder, scene):
@@ -88,11 +88,11 @@ def test_a_terminal_shows_how_far_the_server_is_and_nothing_is_left_there(servin
         terminal = watch(server.url, *SLOW)
         assert terminal.end() == 0, terminal.shown
         assert "gdr     [" in terminal.shown
-        assert "/12" in terminal.shown
+        assert "/18" in terminal.shown
         assert terminal.shown.endswith("\r\x1b[K")
         assert terminal.stdout.startswith("out.npy: 64 x 48 px, robust on reference")
         assert jobs(server) == []
-    gdr = {"levels": 1, "iterations": 1500, "warps": 12}
+    gdr = {"levels": 1, "iterations": 1000, "warps": 18}
     local = refine(
         scene.left, scene.right, scene.disparity, backend="reference", processing_scale=1.0, gdr=gdr
     )
