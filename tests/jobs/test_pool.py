@@ -1,8 +1,10 @@
 """The pool with real worker processes."""
 
 import asyncio
+import gc
 import os
 import signal
+import weakref
 from multiprocessing import active_children
 
 import pytest
@@ -38,6 +40,19 @@ def test_a_worker_answers_with_the_bytes_that_this_process_computes(supervise, q
         return await pool.submit(quick)
 
     assert supervise(scenario).body == perform(quick, select_backend("reference"), 10**6).body
+
+
+def test_of_an_answered_task_nothing_is_held(supervise, quick):
+    async def scenario(pool):
+        ticket = pool.enqueue(quick)
+        await ticket.answer
+        await asyncio.sleep(0)
+        held = weakref.ref(ticket)
+        del ticket
+        gc.collect()
+        return held()
+
+    assert supervise(scenario) is None
 
 
 def test_tasks_are_answered_in_the_order_they_came(supervise, quick):

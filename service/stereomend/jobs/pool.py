@@ -265,7 +265,7 @@ class WorkerPool:
         loop, limit_s = asyncio.get_running_loop(), self._settings.work_limit_s
         ticket.started_at = ticket.heard_at = perf_counter()
         alarm = loop.call_later(limit_s, worker.expire, limit_s)
-        self._listen(worker, ticket)
+        listening = asyncio.create_task(self._listen(worker, ticket))
 
         def on_beat(progress: Progress) -> None:
             loop.call_soon_threadsafe(ticket.hear, progress)
@@ -284,18 +284,15 @@ class WorkerPool:
             self._done(worker, ticket, _timed(answer, ticket))
         finally:
             alarm.cancel()
+            listening.cancel()
             self._at_work.pop(ticket, None)
 
-    def _listen(self, worker: WorkerProcess, ticket: Ticket) -> None:
+    async def _listen(self, worker: WorkerProcess, ticket: Ticket) -> None:
         """Give a worker up that was silent for so long that its lease is over."""
-        if self._at_work.get(ticket) is not worker:
-            return
         lease_s = self._settings.lease_s
-        left = ticket.heard_at + lease_s - perf_counter()
-        if left > 0:
-            asyncio.get_running_loop().call_later(left, self._listen, worker, ticket)
-        else:
-            worker.give_up(lease_s)
+        while (left := ticket.heard_at + lease_s - perf_counter()) > 0:
+            await asyncio.sleep(left)
+        worker.give_up(lease_s)
 
     def _done(self, worker: WorkerProcess, ticket: Ticket, outcome: Answer | StereomendError) -> None:
         for listener in self._listeners:
