@@ -75,7 +75,16 @@ def test_what_a_client_waits_for_besides_the_stages_is_taken_apart(quick):
     _, report = quick
     assert [one["preset"] for one in report["http"]] == report["plan"]["presets"]
     for one in report["http"]:
-        assert set(one["parts"]) == {"queue", "decode", "initial", "encode", "inside", "outside"}
+        assert set(one["parts"]) == {
+            "queue",
+            "decode",
+            "prepare",
+            "initial",
+            "finish",
+            "encode",
+            "inside",
+            "outside",
+        }
         assert 0 < one["besides"]["p50"] < one["client"]["p50"]
 
 

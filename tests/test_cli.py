@@ -82,7 +82,7 @@ def test_a_png_holds_256ths_and_a_preview_comes_along(folder, tmp_path):
     assert np.abs(read(out) / 256 - disparity).max() <= 0.5 / 256 + 1e-6
     assert cv2.imread(str(preview)).shape[2] == 3
     assert [line.split()[0] for line in done.stdout.splitlines()[1:]] == [
-        *("queue", "decode", "initial", "ldr", "gdr", "encode", "total")
+        *("queue", "decode", "prepare", "initial", "ldr", "gdr", "finish", "encode", "total")
     ]
 
 

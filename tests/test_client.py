@@ -67,7 +67,17 @@ def test_a_server_and_this_process_give_the_same_result(client, scene):
     for name in ("disparity", "confidence", "provenance", "input_confidence"):
         np.testing.assert_array_equal(getattr(remote, name), getattr(local, name))
     assert remote.quality == local.quality
-    assert list(remote.timings) == ["queue", "decode", "initial", "ldr", "gdr", "encode", "total"]
+    assert list(remote.timings) == [
+        "queue",
+        "decode",
+        "prepare",
+        "initial",
+        "ldr",
+        "gdr",
+        "finish",
+        "encode",
+        "total",
+    ]
 
 
 def test_files_are_sent_as_they_are(client, scene, tmp_path):

@@ -102,7 +102,17 @@ def test_a_job_gives_what_this_process_computes(client, submit, scene):
     for name in ("disparity", "confidence", "provenance", "input_confidence"):
         np.testing.assert_array_equal(getattr(result, name), getattr(local, name))
     assert result.quality == local.quality
-    assert list(result.timings) == ["queue", "decode", "initial", "ldr", "gdr", "encode", "total"]
+    assert list(result.timings) == [
+        "queue",
+        "decode",
+        "prepare",
+        "initial",
+        "ldr",
+        "gdr",
+        "finish",
+        "encode",
+        "total",
+    ]
     assert result.timings["total"] > 0
 
 

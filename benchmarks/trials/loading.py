@@ -20,7 +20,7 @@ import numpy as np
 from stereomend.bench.cases import WxH, broken_phantom
 from trials.processes import descendants, is_worker, memory_mb
 
-STAGES = ("decode", "initial", "ldr", "gdr", "encode")
+STAGES = ("decode", "prepare", "initial", "ldr", "gdr", "finish", "encode")
 """Of `Server-Timing`: what is done to pixels and files, and is not the server's own."""
 _SAMPLE_S = 1.0
 _SETTLED = 0.25

@@ -52,7 +52,17 @@ def test_a_job_is_accepted_and_done(server, submit, finished):
     assert job["state"] == "succeeded"
     assert job["backend"] == "reference"
     assert job["error"] is None
-    assert set(job["timings_ms"]) == {"queue", "decode", "initial", "ldr", "gdr", "encode", "total"}
+    assert set(job["timings_ms"]) == {
+        "queue",
+        "decode",
+        "prepare",
+        "initial",
+        "ldr",
+        "gdr",
+        "finish",
+        "encode",
+        "total",
+    }
     assert sum(job["quality"][kind] for kind in ("kept", "refined", "filled", "unobserved")) == pytest.approx(
         1
     )

@@ -51,7 +51,7 @@ def test_stages_add_up_to_what_the_answers_told(serving, post):
         answers.append(post(server, params={"stages": ["ldr"]}))
         found = scrape(server)
     told = [server_timings(answer) for answer in answers]
-    for stage in ("queue", "decode", "ldr", "gdr", "encode", "total"):
+    for stage in ("queue", "decode", "prepare", "ldr", "gdr", "finish", "encode", "total"):
         ran = [timings[stage] for timings in told if timings[stage] > 0]
         assert found["stage_seconds_count", stage] == len(ran) >= 3
         assert found["stage_seconds_sum", stage] == pytest.approx(sum(ran) / 1e3, abs=1e-5)

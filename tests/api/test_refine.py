@@ -16,7 +16,7 @@ from stereomend.refinement import refine
 QUICK = {"gdr": {"warps": 1, "levels": 1}}
 CALIBRATION = {"focal_px": 80.0, "baseline_mm": 4.5, "doffs": 0.5}
 
-STAGES = ["queue", "decode", "initial", "ldr", "gdr", "encode", "total"]
+STAGES = ["queue", "decode", "prepare", "initial", "ldr", "gdr", "finish", "encode", "total"]
 
 
 def read_png(body):

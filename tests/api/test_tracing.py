@@ -157,7 +157,16 @@ def test_a_server_exports_to_the_collector_that_its_environment_names(serving, p
             server.process.terminate()
             assert server.process.wait(20) == 0
             log = server.log.read_text()
-        assert spans.keys() >= {"POST /v1/refine", "queue", "decode", "ldr", "gdr", "encode"}
+        assert spans.keys() >= {
+            "POST /v1/refine",
+            "queue",
+            "decode",
+            "prepare",
+            "ldr",
+            "gdr",
+            "finish",
+            "encode",
+        }
         assert {span.trace_id.hex() for span in spans.values()} == {TRACE}
     assert f'"trace_id": "{TRACE}"' in log
 

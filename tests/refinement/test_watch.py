@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from stereomend.disparity import DisparityMap, StereoPair
-from stereomend.refinement import describe, mend, parse_params, select_backend
+from stereomend.refinement import describe, mend, parse_params, prepare, select_backend
 from stereomend.refinement.backends.coarse_to_fine import level_sizes
 from stereomend.refinement.params import PRESETS
 
@@ -22,29 +22,31 @@ def backend(request):
 
 
 @pytest.fixture
-def inputs(scene):
-    return StereoPair(scene.left, scene.right), DisparityMap.from_array(scene.disparity)
+def mended(scene, backend):
+    """Mend the scene: `mended(params, watch)`."""
+    pair, upload = StereoPair(scene.left, scene.right), DisparityMap.from_array(scene.disparity)
+    return lambda params, *watch: mend(prepare(pair, params, backend), upload, params, backend, *watch)
 
 
 @pytest.mark.parametrize("preset", sorted(PRESETS))
-def test_a_watched_refinement_is_bitwise_the_same(inputs, backend, preset):
+def test_a_watched_refinement_is_bitwise_the_same(mended, backend, preset):
     params, seen = parse_params({"preset": preset}), []
-    alone = describe(mend(*inputs, params, backend), params, backend)
-    watched = describe(mend(*inputs, params, backend, lambda *step: seen.append(step)), params, backend)
+    alone = describe(mended(params), params, backend)
+    watched = describe(mended(params, lambda *step: seen.append(step)), params, backend)
     assert seen
     for name in ("disparity", "confidence", "provenance", "input_confidence"):
         assert np.array_equal(getattr(alone, name), getattr(watched, name))
 
 
-def test_stages_and_warps_are_told_in_their_order(inputs, backend):
+def test_stages_and_warps_are_told_in_their_order(mended):
     params, seen = parse_params({"preset": "paper", "gdr": {"warps": 3, "levels": 3}}), []
-    mend(*inputs, params, backend, lambda *step: seen.append(step))
+    mended(params, lambda *step: seen.append(step))
     warps = 3 * len(level_sizes((24, 32), 3))
     assert seen == [("ldr", 0, 0), ("gdr", 0, 0), *(("gdr", done, warps) for done in range(warps))]
 
 
 @pytest.mark.parametrize("stop", [("ldr", 0), ("gdr", 0), ("gdr", 1), ("gdr", 7)])
-def test_what_a_watch_raises_ends_the_work_at_once_and_harms_nothing(inputs, backend, stop):
+def test_what_a_watch_raises_ends_the_work_at_once_and_harms_nothing(mended, backend, stop):
     params, seen = parse_params({"preset": "paper"}), []
 
     def watch(stage, done, total):
@@ -52,8 +54,8 @@ def test_what_a_watch_raises_ends_the_work_at_once_and_harms_nothing(inputs, bac
         if (stage, done) == stop:
             raise Enough(stage)
 
-    before = mend(*inputs, params, backend).disparity
+    before = mended(params).disparity
     with pytest.raises(Enough, match=stop[0]):
-        mend(*inputs, params, backend, watch)
+        mended(params, watch)
     assert seen[-1] == stop
-    assert np.array_equal(mend(*inputs, params, backend).disparity, before)
+    assert np.array_equal(mended(params).disparity, before)

@@ -15,10 +15,12 @@ from stereomend.bench.sweeps import FEW, MANY, OPERATIONS, PLANE_BYTES, SweepTim
 
 _PARTS = {
     "queue": "waiting for a worker",
-    "decode": "three PNG files",
+    "decode": "what is waited for of three PNG files",
+    "prepare": "the pair at working size",
     "initial": "matching, where nothing was uploaded",
+    "finish": "input size, provenance, quality",
     "encode": "what is waited for of the 16-bit PNG",
-    "inside": "of total: changes of size, provenance, quality, pipes",
+    "inside": "of total: pipes",
     "outside": "of total: client, HTTP, reading the upload",
 }
 

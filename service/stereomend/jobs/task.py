@@ -19,14 +19,28 @@ from stereomend.codec import (
     encode_stored,
     holds_confidences,
 )
-from stereomend.disparity import DisparityMap, Image, RefinementResult, StereoPair, check_same_size
+from stereomend.disparity import DisparityMap, Image, RefinementResult, StereoPair
 from stereomend.jobs.helpers import Helpers
-from stereomend.refinement import COPIES, Backend, Mended, RefineParams, Watch, describe, mend, unwatched
+from stereomend.refinement import (
+    COPIES,
+    Backend,
+    Mended,
+    RefineParams,
+    Watch,
+    describe,
+    mend,
+    prepare,
+    unwatched,
+)
 
 T = TypeVar("T")
 
-TIMINGS = ("queue", "decode", "initial", "ldr", "gdr", "encode", "total")
-"""The keys of `Answer.timings`, as time passes; `encode` is what the answer had to wait for it."""
+TIMINGS = ("queue", "decode", "prepare", "initial", "ldr", "gdr", "finish", "encode", "total")
+"""The keys of `Answer.timings`, as time passes.
+
+`decode` and `encode` are what was waited for them. `prepare` brings the pair to working size; `finish` brings
+the map back to that of the input and tells of it.
+"""
 
 
 @dataclass(frozen=True)
@@ -86,7 +100,7 @@ def perform(task: Task, backend: Backend, max_pixels: int, watch: Watch = unwatc
     mended, left = _mended(task, task.params, (backend, max_pixels), watch)
     watch("encode", 0, 0)
     whole = holds_confidences(task.media_type)
-    early = None if whole else _helpers().start(encode_map, mended.disparity, task.media_type)
+    early = None if whole else _helper().start(encode_map, mended.disparity, task.media_type)
     result = _described(mended, task.params, backend, began, whole)
     described = perf_counter()
     body = early.result() if early else _whole(result, task, left)
@@ -118,9 +132,11 @@ def _mended(
     files: Files, params: RefineParams, means: tuple[Backend, int], watch: Watch = unwatched
 ) -> tuple[Mended, Image]:
     (backend, max_pixels), began = means, perf_counter()
-    pair, upload = _decode(files, params.disparity_scale, max_pixels)
-    decode = 1e3 * (perf_counter() - began)
-    mended = mend(pair, upload, params, backend, watch)
+    pair, upload = _begin_decode(files, params.disparity_scale, max_pixels)
+    prepared = prepare(pair, params, backend)
+    disparity = upload.result() if upload else None
+    decode = 1e3 * (perf_counter() - began) - prepared.took_ms
+    mended = mend(prepared, disparity, params, backend, watch)
     return mended._replace(timings=mended.timings | {"decode": decode}), pair.left
 
 
@@ -133,22 +149,22 @@ def _described(
     return replace(result, timings={name: known.get(name, 0.0) for name in TIMINGS} | copies)
 
 
-def _decode(files: Files, scale: float | None, max_pixels: int) -> tuple[StereoPair, DisparityMap | None]:
-    # Side by side: nearly all of the time goes to inflating, which holds no lock. Errors come in this order.
-    def begin(decode: Callable[..., T], file: bytes | None, *args: Any) -> Future[T] | None:
-        return None if file is None else _helpers().start(decode, file, *args)
+def _begin_decode(
+    files: Files, scale: float | None, max_pixels: int
+) -> tuple[StereoPair, Future[DisparityMap] | None]:
+    """The pair, and the disparity map as soon as it is decoded, which the pair is prepared without."""
 
-    right = _helpers().start(decode_image, files.right, "right", max_pixels)
+    # Nearly all of the time goes to inflating, which holds no lock. One helper, so that the pair comes first.
+    def begin(decode: Callable[..., T], file: bytes | None, *args: Any) -> Future[T] | None:
+        return None if file is None else _helper().start(decode, file, *args)
+
+    right = _helper().start(decode_image, files.right, "right", max_pixels)
     mask = begin(decode_mask, files.mask, "mask", max_pixels)
     upload = begin(decode_disparity, files.disparity, "disparity", max_pixels, scale)
     left = decode_image(files.left, "left", max_pixels)
-    pair = StereoPair(left, right.result(), mask.result() if mask else None)
-    if upload is None:
-        return pair, None
-    check_same_size("disparity", upload.result().shape, "left", pair.shape)
-    return pair, upload.result()
+    return StereoPair(left, right.result(), mask.result() if mask else None), upload
 
 
 @cache
-def _helpers() -> Helpers:
-    return Helpers(3)
+def _helper() -> Helpers:
+    return Helpers(1)

@@ -2,7 +2,7 @@
 
 from stereomend.refinement.backends import BACKENDS, COPIES, Backend, select_backend
 from stereomend.refinement.params import DEFAULT_PRESET, PRESETS, RefineParams, parse_params
-from stereomend.refinement.pipeline import mend, refine, run
+from stereomend.refinement.pipeline import mend, prepare, refine, run
 from stereomend.refinement.report import Mended, describe
 from stereomend.refinement.watch import Watch, unwatched
 
@@ -18,6 +18,7 @@ __all__ = [
     "describe",
     "mend",
     "parse_params",
+    "prepare",
     "refine",
     "run",
     "select_backend",

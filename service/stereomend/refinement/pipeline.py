@@ -1,4 +1,4 @@
-"""One refinement from input to result: initial, LDR, GDR."""
+"""One refinement from input to result: preparation, initial, LDR, GDR."""
 
 from __future__ import annotations
 
@@ -81,24 +81,40 @@ def run(
     """Refine a disparity map; `upload` None starts from the matcher, or zero if the parameters say so.
 
     Without `confidences`, which few answers hold, both are NaN everywhere. The result's `timings` hold
-    `initial`, `ldr` and `gdr` in ms. Raises as `refine`.
+    `prepare`, those of `STAGES` and `finish` in ms. Raises as `refine`.
     """
-    return describe(mend(pair, upload, params, backend), params, backend, confidences)
+    mended = mend(prepare(pair, params, backend), upload, params, backend)
+    return describe(mended, params, backend, confidences)
+
+
+class Prepared(NamedTuple):
+    """A pair at both sizes, and what that took [ms]."""
+
+    pair: StereoPair
+    scene: Scene
+    took_ms: float
+
+
+def prepare(pair: StereoPair, params: RefineParams, backend: Backend) -> Prepared:
+    """What needs no disparity, so that its file may be decoded meanwhile (raises InvalidParameter)."""
+    began = time.perf_counter()
+    scene = make_scene(pair, working_size(pair.shape, params.processing_scale), params.ldr, backend)
+    return Prepared(pair, scene, (time.perf_counter() - began) * 1e3)
 
 
 def mend(
-    pair: StereoPair,
+    prepared: Prepared,
     upload: DisparityMap | None,
     params: RefineParams,
     backend: Backend,
     watch: Watch = unwatched,
 ) -> Mended:
     """The map alone, which can be written while it is described; raises as `run`, and what `watch` raises."""
+    pair, scene, took_ms = prepared
     if upload is not None:
         check_same_size("disparity", upload.shape, "left", pair.shape)
     kind = choose_initial(params, upload)
-    timings = dict.fromkeys(STAGES, 0.0)
-    scene = make_scene(pair, working_size(pair.shape, params.processing_scale), params.ldr, backend)
+    timings = {"prepare": took_ms} | dict.fromkeys(STAGES, 0.0)
     with _stage("initial", kind == "sgbm", timings, watch):
         begun = Begun(scene, start_from(kind, upload, scene, pair, backend))
     with _stage("ldr", "ldr" in params.stages and kind != "zero", timings, watch):

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import cache
 from importlib.metadata import version
+from time import perf_counter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -70,15 +71,18 @@ class Mended(NamedTuple):
 
 def finish(trace: Trace, params: RefineParams, backend: Backend, timings: dict[str, float]) -> Mended:
     """Bring the outcome back to input size."""
+    began = perf_counter()
     initial, pair = trace.start.full, trace.pair
     origins = Origins(initial, trace.kept, pair.mask)
-    return Mended(_at_input_size(trace, origins, params, backend), trace, origins, timings)
+    disparity = _at_input_size(trace, origins, params, backend)
+    return Mended(disparity, trace, origins, timings | {"finish": 1e3 * (perf_counter() - began)})
 
 
 def describe(
     mended: Mended, params: RefineParams, backend: Backend, confidences: bool = True
 ) -> RefinementResult:
     """All that is told about a map; without `confidences`, which few answers hold, these are NaN."""
+    began = perf_counter()
     disparity, trace, origins, timings = mended
     pair, valid, outcome = trace.pair, origins.initial.valid, trace.outcome
     refined = Sparse(outcome, trace.scene.shown(outcome > 0))
@@ -87,7 +91,7 @@ def describe(
     shares = {"valid_in": np.count_nonzero(valid) / valid.size} | shares_of(counts)
     # Last, for it takes all cores, and one may still be writing the map.
     quality = _quality(trace, refined, params, backend)
-    return RefinementResult(
+    result = RefinementResult(
         disparity=disparity,
         confidence=planes[0],
         provenance=provenance,
@@ -96,6 +100,8 @@ def describe(
         timings=timings,
         meta=_meta(trace, params, backend) | {"quality": shares | quality},
     )
+    finish = timings["finish"] + 1e3 * (perf_counter() - began)
+    return replace(result, timings=timings | {"finish": finish})
 
 
 def _confidences(
