@@ -201,7 +201,7 @@ def test_a_request_that_kills_its_worker_is_repeated_once(serving, scene, eventu
             os.kill(server.workers()[0], signal.SIGKILL)
         asking.join(20)
         assert raised[0].status == 503
-        assert server.log.read_text().count("POST /v1/refine 503") == 2
+    assert server.log.read_text().count("POST /v1/refine 503") == 2
 
 
 def occupy(server, scene):

@@ -113,7 +113,7 @@ def test_the_log_names_keys_by_their_ids(serving, store):
         httpx.get(f"{server.url}/metrics", headers=bearer(secret))
         httpx.get(f"{server.url}/metrics", headers=bearer("from-the-settings"))
         httpx.get(f"{server.url}/metrics", headers=bearer("wrong-key"))
-        log = server.log.read_text()
+    log = server.log.read_text()
     assert f" key {key.id} " in log
     assert " key setting-" in log
     assert not [told for told in (secret, "from-the-settings", "wrong-key", "Smith") if told in log]

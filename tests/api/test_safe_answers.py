@@ -80,7 +80,7 @@ def test_the_log_has_no_names_pixels_or_keys(serving, scene):
         client.get("/livez", headers={"X-Request-ID": "smith smith", "Authorization": "Bearer smith"})
         client.get("/metrics", headers={"Authorization": "Bearer smith"})
         client.request("SMITH", "/livez")
-        log = server.log.read_text()
+    log = server.log.read_text()
     assert log.count('"route"') == 8
     assert "smith" not in log.lower()
     assert "the-key" not in log
@@ -92,7 +92,7 @@ def test_each_access_is_one_line_with_what_an_audit_asks_for(serving):
         given = httpx.get(f"{server.url}/v1/presets", headers={"X-Request-ID": "theatre-3.17"})
         httpx.get(f"{server.url}/v1/jobs/{job}/result")
         httpx.post(f"{server.url}/v1/refine", headers={"Host": "evil.example"})
-        lines = [json.loads(line) for line in server.log.read_text().splitlines()]
+    lines = [json.loads(line) for line in server.log.read_text().splitlines()]
     presets, result, refused = [line for line in lines if line["logger"] == "stereomend.requests"]
     assert given.headers["X-Request-ID"] == "theatre-3.17"
     assert presets["ms"] > 0

@@ -89,7 +89,7 @@ def test_a_device_that_fails_each_time_is_tried_again_after_longer_and_longer_pa
     with gpu_server(FAKE_CUDA_FAIL_LAUNCH="0:719") as server:
         for _ in range(4):
             check_fault(post(server), 719, "launch failed")
-        log = server.log.read_text()
+    log = server.log.read_text()
     lives = re.findall(r"^(.{23}) \S+ \S+ a worker (is ready|ended with exit code 86)", log, re.M)
     times = [(datetime.strptime(time, "%Y-%m-%d %H:%M:%S,%f"), what == "is ready") for time, what in lives]
     begins, ends = ([time for time, up in times if up == wanted] for wanted in (True, False))

@@ -8,6 +8,7 @@ import socket
 import sys
 
 import uvicorn
+import uvloop
 
 from stereomend.api.app import create_app, running
 from stereomend.api.state import Service
@@ -31,7 +32,7 @@ def serve_on(listener: socket.socket, lifeline: socket.socket) -> int:
         os.environ.pop("STEREOMEND_API_KEYS", None)
         configure_logging(settings.log_format)
         keep_freed_memory()
-        asyncio.run(_serve(settings, listener, lifeline))
+        uvloop.run(_serve(settings, listener, lifeline))
     except ConfigurationError as error:
         print(f"stereomend: {error}", file=sys.stderr)
         return 2
