@@ -58,10 +58,12 @@ STOPSIGNAL SIGTERM
 USER 10001:10001
 WORKDIR /
 
-# Not urllib: it would send this through an http_proxy of the container.
+# Not urllib: it would send this through an http_proxy of the container. The certificate names no loopback.
 HEALTHCHECK --interval=30s --timeout=10s --start-period=30s --retries=3 \
-    CMD ["python3", "-c", "import http.client, os, sys; \
-server = http.client.HTTPConnection('127.0.0.1', os.environ['STEREOMEND_PORT'], timeout=5); \
+    CMD ["python3", "-c", "import http.client, os, ssl, sys; \
+where = '127.0.0.1', os.environ['STEREOMEND_PORT']; \
+server = http.client.HTTPSConnection(*where, timeout=5, context=ssl._create_unverified_context()) \
+if os.environ.get('STEREOMEND_TLS_CERTFILE') else http.client.HTTPConnection(*where, timeout=5); \
 server.request('GET', '/readyz'); \
 sys.exit(server.getresponse().status != 200)"]
 

@@ -1,10 +1,13 @@
 """TLS with real certificates."""
 
+import json
+import os
 import re
 import socket
 import ssl
 import subprocess
 import sys
+from pathlib import Path
 
 import httpx
 import pytest
@@ -46,6 +49,24 @@ def test_the_server_speaks_https_with_the_certificate_that_it_is_given(serving, 
             httpx.get(f"{server.url}/livez")
         with pytest.raises(httpx.TransportError):
             httpx.get(server.url.replace("https", "http") + "/livez")
+
+
+def health_check(server, **environment):
+    """What the container's health check ends with, asked of a server."""
+    text = (Path(__file__).parents[2] / "Dockerfile").read_text().partition("HEALTHCHECK")[2]
+    command = json.loads(text.partition("CMD ")[2].partition("\n\n")[0].replace("\\\n", ""))
+    port = {"STEREOMEND_PORT": server.url.rpartition(":")[2]}
+    return subprocess.run(
+        [sys.executable, *command[1:]], env=os.environ | port | environment, check=False
+    ).returncode
+
+
+def test_the_health_check_of_the_container_is_the_server_s(serving, files):
+    with serving() as server:
+        assert health_check(server) == 0
+    assert health_check(server) != 0
+    with serving(tls_certfile=files / "certificate", tls_keyfile=files / "key") as server:
+        assert health_check(server, STEREOMEND_TLS_CERTFILE=str(files / "certificate")) == 0
 
 
 @pytest.mark.filterwarnings("ignore:ssl.TLSVersion:DeprecationWarning")
