@@ -6,6 +6,7 @@ import sqlite3
 import subprocess
 import sys
 import time
+from contextlib import closing
 
 import pytest
 
@@ -47,6 +48,18 @@ def test_what_keeps_a_server_from_working_is_named(examine, tmp_path):
     for what in ("data folder", "free space", "TLS", "API keys"):
         assert found[what].startswith("no "), what
     assert "none.pem cannot be read" in found["TLS"]
+
+
+def test_an_older_ledger_is_left_as_it_is(examine, tmp_path):
+    open_ledger(tmp_path / "data").close()
+    with closing(sqlite3.connect(tmp_path / "data" / LEDGER)) as database, database:
+        database.execute("UPDATE alembic_version SET version_num = '0001'")
+    code, found = examine()
+    assert code == 0
+    assert "schema 0001" in found["ledger"]
+    assert "migrated at the next start" in found["ledger"]
+    with closing(sqlite3.connect(tmp_path / "data" / LEDGER)) as database:
+        assert database.execute("SELECT version_num FROM alembic_version").fetchall() == [("0001",)]
 
 
 def test_a_used_folder_is_told_with_its_ledger_and_keys(examine, tmp_path):

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 from stereomend.api.figures import free_bytes
 from stereomend.api.tls import tls_context
-from stereomend.errors import StereomendError
+from stereomend.errors import OutdatedLedger, StereomendError
 from stereomend.jobs.folder import LEDGER, open_ledger
 from stereomend.jobs.keys import KeyStore
 from stereomend.jobs.ledger import Ledger
@@ -194,8 +194,10 @@ def _in_folder(settings: Settings) -> Iterator[Finding]:
         yield keys(settings, 0)
         return
     try:
-        with closing(open_ledger(settings.data_dir)) as ledger:
+        with closing(open_ledger(settings.data_dir, migrate=False)) as ledger:
             yield pragmas(ledger)
             yield keys(settings, len(KeyStore(ledger.engine).live()))
+    except OutdatedLedger as error:
+        yield Finding("ledger", True, str(error))
     except StereomendError as error:
         yield Finding("ledger", False, str(error))

@@ -35,7 +35,8 @@ StereomendError
 |  |- WorkLimitExceeded      the work took longer or needed more memory than the server allows
 |  `- InternalError          a fault of the server's own
 `- ConfigurationError        this process cannot start as it was told to
-   `- BackendUnavailable     the backend asked for does not work on this machine
+   |- BackendUnavailable     the backend asked for does not work on this machine
+   `- OutdatedLedger         the ledger has an older schema, and was only to be looked at
 """
 
 
@@ -295,6 +296,13 @@ class BackendUnavailable(ConfigurationError):
 
     slug = "backend-unavailable"
     title = "Backend unavailable"
+
+
+class OutdatedLedger(ConfigurationError):
+    """Raised when a ledger has an older schema, and was only to be looked at."""
+
+    slug = "outdated-ledger"
+    title = "Outdated ledger"
 
 
 def error_from_slug(slug: str, detail: str) -> StereomendError:

@@ -25,7 +25,7 @@ from sqlalchemy import Connection, Engine, event
 from sqlalchemy.engine import URL, make_url
 from sqlalchemy.exc import ArgumentError, DBAPIError
 
-from stereomend.errors import ConfigurationError, DiskFull, NotReady, StereomendError
+from stereomend.errors import ConfigurationError, DiskFull, NotReady, OutdatedLedger, StereomendError
 
 Clock = Callable[[], datetime]
 """Tells the time, aware."""
@@ -49,10 +49,11 @@ class Database:
         self._turn = nullcontext() if self._postgres else threading.Lock()
 
     @classmethod
-    def open(cls, url: str, clock: Clock | None = None) -> Database:
+    def open(cls, url: str, clock: Clock | None = None, migrate: bool = True) -> Database:
         """Connect and migrate.
 
         Raises:
+            OutdatedLedger: without `migrate`, the schema is older.
             ConfigurationError: the URL is of no use here, or what it names cannot be reached or written, is
                 damaged, or was made by a newer version.
         """
@@ -61,7 +62,10 @@ class Database:
         try:
             database = cls(engine, clock)
             with database.engine.begin() as connection:
-                database._migrate(connection)
+                database._migrate(connection, migrate)
+        except OutdatedLedger:
+            engine.dispose()
+            raise
         except (DBAPIError, ConfigurationError) as error:
             engine.dispose()
             why = _first_line(error.orig) if isinstance(error, DBAPIError) else str(error)
@@ -105,7 +109,7 @@ class Database:
         with self.reading() as connection:
             return {name: str(connection.exec_driver_sql(f"{ask} {name}").scalar()) for name in names}
 
-    def _migrate(self, connection: Connection) -> None:
+    def _migrate(self, connection: Connection, really: bool) -> None:
         self._lock(connection, _MIGRATION)
         if not self._postgres:
             _check_pages(connection)
@@ -113,13 +117,16 @@ class Database:
         # A % would be taken for a reference to another option.
         config.set_main_option("script_location", str(_MIGRATIONS).replace("%", "%%"))
         config.attributes["connection"] = connection
-        known = {script.revision for script in ScriptDirectory.from_config(config).walk_revisions()}
+        scripts = ScriptDirectory.from_config(config)
+        known = {script.revision for script in scripts.walk_revisions()}
         found = set(MigrationContext.configure(connection).get_current_heads())
         if found - known:
             raise ConfigurationError(
                 f"its schema {', '.join(found - known)} is newer than this Stereomend, "
                 f"which knows {max(known)}"
             )
+        if not really and found != set(scripts.get_heads()):
+            raise OutdatedLedger(f"of schema {', '.join(found)}; migrated at the next start")
         command.upgrade(config, "head")
 
     def _lock(self, connection: Connection, number: int) -> None:

@@ -46,17 +46,20 @@ class Ledger:
         self._on_ended = on_ended
 
     @classmethod
-    def open(cls, url: str, clock: Clock | None = None, on_ended: OnEnded | None = None) -> Ledger:
+    def open(
+        cls, url: str, clock: Clock | None = None, on_ended: OnEnded | None = None, migrate: bool = True
+    ) -> Ledger:
         """Open `sqlite:////folder/file` (made where missing) or `postgresql://...`, and migrate it.
 
         `clock` replaces the time of this host, or of PostgreSQL's. `on_ended` hears of each job that this
         ledger brought to a final state, once that is on the disk, in whatever thread did it.
 
         Raises:
+            OutdatedLedger: without `migrate`, the schema is older.
             ConfigurationError: the URL is of no use here, or what it names cannot be reached or written, is
                 damaged, or was made by a newer version.
         """
-        return cls(Database.open(url, clock), on_ended)
+        return cls(Database.open(url, clock, migrate), on_ended)
 
     @property
     def engine(self) -> Engine:
