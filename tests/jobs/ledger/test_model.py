@@ -256,7 +256,7 @@ def test_the_ledger_does_what_the_model_does(ledger, clock):
     run_state_machine_as_test(
         lambda: LedgerMachine(ledger, clock),
         settings=settings(
-            max_examples=15,
+            max_examples=40,
             stateful_step_count=50,
             deadline=None,
             derandomize=True,
