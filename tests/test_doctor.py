@@ -7,11 +7,21 @@ import subprocess
 import sys
 import time
 from contextlib import closing
+from pathlib import Path
 
 import pytest
 
 from stereomend import doctor
-from stereomend.doctor import clock, data_folder, free_space, keys, open_files, pragmas
+from stereomend.doctor import (
+    clock,
+    data_folder,
+    file_system,
+    file_system_of,
+    free_space,
+    keys,
+    open_files,
+    pragmas,
+)
 from stereomend.jobs.folder import LEDGER, open_ledger
 from stereomend.settings import load_settings
 
@@ -48,6 +58,33 @@ def test_what_keeps_a_server_from_working_is_named(examine, tmp_path):
     for what in ("data folder", "free space", "TLS", "API keys"):
         assert found[what].startswith("no "), what
     assert "none.pem cannot be read" in found["TLS"]
+
+
+MOUNTS = """\
+21 1 8:1 / / rw,relatime shared:1 - ext4 /dev/sda1 rw
+40 21 0:45 / /mnt/my\\040share rw - nfs4 server:/export rw
+41 40 8:2 / /mnt/my\\040share/disk rw master:2 - xfs /dev/sdb1 rw
+"""
+
+
+@pytest.mark.parametrize(
+    ("folder", "kind"),
+    [
+        ("/srv/data", "ext4"),
+        ("/mnt/my share/data", "nfs4"),
+        ("/mnt/my shares", "ext4"),
+        ("/mnt/my share/disk/data", "xfs"),
+    ],
+)
+def test_the_file_system_of_a_folder_is_that_of_the_nearest_mount(folder, kind):
+    assert file_system_of(Path(folder), MOUNTS) == kind
+
+
+def test_a_network_file_system_is_no_place_for_a_ledger(tmp_path):
+    assert file_system(tmp_path).fine
+    network = file_system(Path("/mnt/my share/data"), MOUNTS)
+    assert not network.fine
+    assert "nfs4" in network.detail
 
 
 def test_an_older_ledger_is_left_as_it_is(examine, tmp_path):

@@ -30,6 +30,19 @@ _MOST_DRIFT_S = 0.02
 """Of the clock against the monotonic one while it is watched: a daemon slews it by less than 0.1 %."""
 _OWN_FILES = 128
 """Open files of a server that nobody talks to, with room to spare."""
+_MOUNTS = Path("/proc/self/mountinfo")
+_OF_THE_NETWORK = (
+    "nfs",
+    "cifs",
+    "smb",
+    "9p",
+    "afs",
+    "ceph",
+    "glusterfs",
+    "lustre",
+    "fuse.sshfs",
+    "fuse.glusterfs",
+)
 _LEDGER_FACTS = {"journal_mode": "wal", "synchronous": "2", "foreign_keys": "1"}
 """What the ledger's pragmas must be, or an accepted job could be lost."""
 
@@ -91,6 +104,25 @@ def data_folder(folder: Path) -> Finding:
     private = found.st_uid == os.geteuid() and not found.st_mode & 0o077
     detail = f"is user {found.st_uid}'s, mode {found.st_mode & 0o777:o}; expected this user's, mode 700"
     return Finding("data folder", private, f"{folder} {detail}", needed=False)
+
+
+def file_system(folder: Path, mounts: str | None = None) -> Finding:
+    """Whether the ledger's locks and shared memory work there; `mounts` as in /proc/self/mountinfo."""
+    kind = file_system_of(folder, _MOUNTS.read_text() if mounts is None else mounts)
+    detail = f"{kind} holds {folder}; a ledger needs a file system of this machine"
+    return Finding("file system", not kind.startswith(_OF_THE_NETWORK), detail)
+
+
+def file_system_of(folder: Path, mounts: str) -> str:
+    """The type of the file system that a folder is, or will be, in."""
+    found: tuple[int, str] = 0, "an unknown file system"
+    for line in mounts.splitlines():
+        place, _, rest = line.partition(" - ")
+        point = Path(place.split()[4].encode().decode("unicode_escape"))
+        # Of those of one folder the last lies on top.
+        if folder.absolute().resolve().is_relative_to(point) and len(point.parts) >= found[0]:
+            found = len(point.parts), rest.split()[0]
+    return found[1]
 
 
 def free_space(settings: Settings) -> Finding:
@@ -175,6 +207,7 @@ def _of_settings(settings: Settings) -> Iterator[Finding]:
     yield _tls(settings)
     yield open_files(settings)
     yield data_folder(settings.data_dir)
+    yield file_system(settings.data_dir)
     yield free_space(settings)
     yield from _in_folder(settings)
 
