@@ -141,10 +141,10 @@ def test_a_slope_down_the_picture_is_straight_too(backend):
 
 
 @EVERY_BACKEND
-def test_what_lies_round_two_corners_is_reached(backend):
-    """Along a row, a column and a row again: so run hidden surfaces that cross the picture aslant.
+def test_what_lies_round_three_corners_is_reached(backend):
+    """Along a row, a column, a row and a column: so run hidden surfaces that cross the picture aslant.
 
-    The last of these only where neither map is shown.
+    The last two only where neither map is shown.
     """
     rows = np.arange(SIZE[0])[:, None]
     way = ((rows == 4) & (X < 30)) | ((rows >= 4) & (rows <= 18) & (X == 29)) | ((rows == 18) & (X >= 29))
@@ -154,7 +154,8 @@ def test_what_lies_round_two_corners_is_reached(backend):
     assert (
         unseen(backend, 5, rule=free, upload_shown=way, **facts) == (way & ~((rows == 18) & (X > 29)))
     ).all()
-    more = way | ((rows > 18) & (X == 40))
+    way |= (rows > 18) & (X == 40)
+    more = way | ((rows == 22) & (X > 40))
     facts["valid"] = more
     assert (unseen(backend, 5, rule=free, upload_shown=more & seen, **facts) == way).all()
 
@@ -269,6 +270,46 @@ def test_where_u_sees_nothing_that_counts_the_upload_is_what_can_be_reached(back
     assert (found == (X < 30)).all()
     seen = {"weak": {"for_u": 0.49}, "glint": {"glints": False}, "beside": {"level": 0.8}}[reason]
     assert (backend.choose(*told(**facts | seen), RULE) == ~UNSEEN).all()
+
+
+STEP = np.where(X < 24, 20.0, 6.0)
+"""The right edge of something near, in columns 23 and 24."""
+SMEARING = {
+    "over the jump": (STEP, [19, 14, 10, 7], 1),
+    "over a jump up": (STEP[::-1], [7, 10, 14, 19], 1),
+    "close to one side": (STEP, [20, 19, 7, 6], 1),
+    "nearer than both": (STEP, [25, 24, 23, 22], 0),
+    "farther than both": (STEP, [3, 3, 4, 4], 0),
+    "what is sharp, where the upload is smeared": (np.interp(X, [20, 27], [20, 6]), [20, 20, 6, 6], 0),
+}
+
+
+@EVERY_BACKEND
+@pytest.mark.parametrize("name", SMEARING)
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_map_that_leads_over_a_jump_of_a_highly_trusted_upload_has_no_evidence(backend, name, turned):
+    """It is free to fit the mixed pixels of the edge; u in columns 22 to 25 is given."""
+    upload, over, share = SMEARING[name]
+    u = np.where(X < 24, upload[0], upload[-1])
+    u[22:26] = over
+    differ = np.abs(u - upload) >= RULE.near
+    maps = [np.broadcast_to(plane, SIZE) for plane in (upload, u)]
+    maps = [plane.T if turned else plane for plane in maps]
+    facts = dict(zip(("upload", "u"), maps, strict=True), for_upload=np.where(maps[0] == maps[1], 0.6, 0.2))
+    for level, expected in ((0.83, share), (0.81, 0)):
+        found = backend.choose(*told(maps[0].shape, **facts, level=level), RULE)
+        assert ((found.T if turned else found)[:, differ] == expected).all(), level
+
+
+@EVERY_BACKEND
+def test_a_jump_is_looked_for_4_px_around_and_not_where_the_upload_is_unknown(backend):
+    upload = np.broadcast_to(np.where(X < 30, 6.0, 20), SIZE)
+    for x, share in ((26, 1), (25, 0)):
+        u = np.where(marked([(12, x)]), 10, upload)
+        assert backend.choose(*told(upload=upload, u=u, for_upload=0.2), RULE)[12, x] == share
+    known, u = np.broadcast_to(X != 22, SIZE), np.where(marked([(12, 24)]), 6, 12)
+    facts = told(upload=12 * known, valid=known, upload_shown=known, u=u, for_upload=0.2)
+    assert backend.choose(*facts, RULE._replace(rough_share=1))[12, 24] == 0
 
 
 @EVERY_BACKEND

@@ -158,10 +158,17 @@ class PollRule(NamedTuple):
     """Difference at which both maps disagree, px at working size."""
     near: float
     """Difference up to which they say nearly the same, px at working size."""
+    lack: float
+    """Evidence that the upload lacks where a vote against it counts in full."""
     clear: tuple[float, float] = (0.3, 0.7)
     """Evidence for GDR's map that lets a pixel vote, and lets it vote in full."""
     frame: float = 3.0
     """Votes have their match farther inside of the right image's left end, px: descriptors see around."""
+
+    @classmethod
+    def of(cls, params: FusionParams, scale: float) -> PollRule:
+        """For maps at `scale` of the input's size."""
+        return cls(params.tolerance_px * scale, params.near_px * scale, params.against_by)
 
 
 class Grounds(NamedTuple):
@@ -225,6 +232,7 @@ class Polls(NamedTuple):
     """Means over cells of `CELL` x `CELL` pixels, float64; a cell at the end has fewer."""
 
     voted: Cells
+    """Votes against the upload count as far as the pair tells both maps apart."""
     agreed: Cells
     """Of the votes."""
     fair: Cells
