@@ -185,7 +185,7 @@ class Grounds(NamedTuple):
     glints: Mask
     """A glint, or beside one."""
     beside: Mask
-    """The upload hides it, or something beside it."""
+    """The upload hides it or shows it at a grazing angle, or something beside it."""
 
 
 class ChoiceRule(NamedTuple):
