@@ -43,10 +43,11 @@ void poll_row(const Rivals& in, const PollMarks& marks, const PollRule& rule, in
         const float counts = vote * static_cast<float>(flag(fabsf(apart) < limits.near) & (1 - spoilt[x]));
         const float here = static_cast<float>(shown[x]);
         const float agrees = vote * fast_exp2(-kLog2E * share * share);
-        voted[x] += agrees + (vote - agrees) * ramp(n[x] - other[x], 0.0f, told_apart);
+        const float ahead = other[x] - n[x];
+        voted[x] += agrees + (vote - agrees) * ramp(-ahead, 0.0f, told_apart);
         agreed[x] += agrees;
         fair[x] += counts;
-        lead[x] += counts * (other[x] - n[x]);
+        lead[x] += counts * smaller(larger(ahead, -limits.most), limits.most);
         level[x] += counts * n[x];
         seen[x] += here;
         of_u[x] += here * u[x];

@@ -25,6 +25,7 @@ struct PollRule {
     float tolerance;  // difference at which the maps disagree [px]
     float near;       // difference up to which they say nearly the same [px]
     float lack;       // evidence that the upload lacks where a vote against it counts in full [1]
+    float most;       // lead of a pixel's evidence that counts at most, either way [1]
     float least;      // evidence for u from which a pixel votes [1]
     float full;       // and from which it votes in full [1]
     float frame;      // votes have their match farther inside of the right image's left end [px]

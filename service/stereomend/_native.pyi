@@ -47,7 +47,15 @@ class SpeckleRule:
 
 class PollRule:
     def __init__(
-        self, *, tolerance: float, near: float, lack: float, least: float, full: float, frame: float
+        self,
+        *,
+        tolerance: float,
+        near: float,
+        lack: float,
+        most: float,
+        least: float,
+        full: float,
+        frame: float,
     ) -> None: ...
 
 class ChoiceRule:

@@ -195,6 +195,9 @@ class FusionParams(StageParams):
     worse_by: float = Field(
         0.008, ge=0, le=1, description="share of evidence that the upload lacks and loses by [1] (R9)"
     )
+    most_lead: float = Field(
+        0.02, gt=0, le=2, description="lead of a pixel's evidence that counts at most, either way [1] (R9)"
+    )
     equal_within: float = Field(
         0.002, ge=0, le=1, description="share of evidence that it may lack and win [1] (R9)"
     )

@@ -14,7 +14,7 @@ SIZES = [(1, 1), (1, 40), (40, 1), (33, 1), (2, 2), (8, 8), (61, 47), (64, 48), 
 NATIVE, REFERENCE = select_backend("native", threads=2), select_backend("reference")
 EVERY_BACKEND = pytest.mark.parametrize("backend", [NATIVE, REFERENCE], ids=lambda backend: backend.name)
 FUSION = parse_params({"preset": "robust"}).fusion
-POLL = PollRule(0.975, 1.125, 0.05)
+POLL = PollRule(0.975, 1.125, 0.05, 0.02)
 THRESHOLDS = [FUSION.min_trust, FUSION.full_trust, FUSION.high_trust]
 FINE = 8  # parts of a pixel that quantised maps are rounded to
 
@@ -100,9 +100,9 @@ def test_polls_match_the_reference(size, seed):
     scene = scene_of(size, seed)
     for rule in (
         POLL,
-        PollRule(0.1, 0.3, 0.05),
-        PollRule(20, 30, 1.0, (-1.0, -0.5), -5.0),
-        PollRule(1, 1, 0, (0.4, 0.4)),
+        PollRule(0.1, 0.3, 0.05, 0.1),
+        PollRule(20, 30, 1.0, 1.0, (-1.0, -0.5), -5.0),
+        PollRule(1, 1, 0, 0.01, (0.4, 0.4)),
     ):
         assert_same(poll(NATIVE, scene, rule), poll(REFERENCE, scene, rule))
 
@@ -137,7 +137,8 @@ def loops(scene, rule):
         told_apart = min(max((n - other) / rule.lack, 0), 1)
         sums[(slice(0, 2), *here)] += agrees + (vote - agrees) * told_apart, agrees
         if abs(upload - u) < rule.near and not scene.spoilt[y, x]:
-            sums[(slice(2, 5), *here)] += vote, vote * (other - n), vote * n
+            lead = min(max(other - n, -rule.most), rule.most)
+            sums[(slice(2, 5), *here)] += vote, vote * lead, vote * n
     return Polls(*(sums / sizes))
 
 
@@ -146,7 +147,7 @@ def loops(scene, rule):
 def test_polls_are_means_over_cells_of_what_pixels_vote(size, backend):
     """Cells at the end are of fewer pixels; quantised, so that differences meet the limits exactly."""
     scene = scene_of(size, 3, quantised=True)
-    for rule in (POLL, PollRule(0.7, 0.75, 0.25, (0.25, 0.75), 2.5)):
+    for rule in (POLL, PollRule(0.7, 0.75, 0.25, 0.03, (0.25, 0.75), 2.5)):
         expected = loops(scene, rule)
         assert_same(poll(backend, scene, rule), expected)
         assert size[1] < 47 or all((np.abs(plane) > 0).mean() > 0.2 for plane in expected)

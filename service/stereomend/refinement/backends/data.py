@@ -160,6 +160,8 @@ class PollRule(NamedTuple):
     """Difference up to which they say nearly the same, px at working size."""
     lack: float
     """Evidence that the upload lacks where a vote against it counts in full."""
+    most: float
+    """The lead of a pixel's evidence that counts at most, either way."""
     clear: tuple[float, float] = (0.3, 0.7)
     """Evidence for GDR's map that lets a pixel vote, and lets it vote in full."""
     frame: float = 3.0
@@ -168,7 +170,8 @@ class PollRule(NamedTuple):
     @classmethod
     def of(cls, params: FusionParams, scale: float) -> PollRule:
         """For maps at `scale` of the input's size."""
-        return cls(params.tolerance_px * scale, params.near_px * scale, params.against_by)
+        lengths = params.tolerance_px * scale, params.near_px * scale
+        return cls(*lengths, params.against_by, params.most_lead)
 
 
 class Grounds(NamedTuple):
@@ -238,7 +241,7 @@ class Polls(NamedTuple):
     fair: Cells
     """Votes where both say nearly the same, and nothing spoils the comparison."""
     lead: Cells
-    """Their sum of the evidence for the upload beyond that for GDR's map."""
+    """Their sum of the evidence for the upload beyond that for GDR's map, which one pixel cannot decide."""
     level: Cells
     """Their sum of the evidence for GDR's map."""
     shown: Cells

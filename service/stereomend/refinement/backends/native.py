@@ -193,6 +193,7 @@ class NativeBackend:
             tolerance=rule.tolerance,
             near=rule.near,
             lack=rule.lack,
+            most=rule.most,
             least=least,
             full=full,
             frame=rule.frame,

@@ -40,11 +40,13 @@ def poll(rivals: Rivals, matte: Mask, spoilt: Mask, rule: PollRule) -> Polls:
     inside = np.arange(u.shape[1]) - u > rule.frame
     votes = ramp(n, *rule.clear) * (rivals.u_shown & rivals.upload_shown & matte & inside)
     agreeing = votes * np.exp(-(((upload - u) / rule.tolerance) ** 2))
-    against = (votes - agreeing) * ramp(n - rivals.for_upload, 0, rule.lack)
+    leads = np.asarray(rivals.for_upload, np.float64) - n
+    against = (votes - agreeing) * ramp(-leads, 0, rule.lack)
     fair = votes * (near(rivals, rule.near) & ~spoilt)
     shown = rivals.u_shown.astype(np.float64)
     trust = (agreeing + against, agreeing)
-    parts = (*trust, fair, fair * (rivals.for_upload - n), fair * n, shown, shown * u, shown * u * u)
+    lead = fair * np.clip(leads, -rule.most, rule.most)
+    parts = (*trust, fair, lead, fair * n, shown, shown * u, shown * u * u)
     return Polls(*map(cells, parts))
 
 
