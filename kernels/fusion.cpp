@@ -1,5 +1,9 @@
 #include "fusion.hpp"
 
+#include <algorithm>
+#include <numeric>
+#include <vector>
+
 #include "gang.hpp"
 
 namespace stereomend {
@@ -56,6 +60,15 @@ void choose(const Rivals& rivals, const Grounds& grounds, const ChoiceRule& rule
     const Patches patches = patches_of(rivals.size, crew.evidence.buffers);
     const Steps steps{rivals.size, rivals.upload, rivals.valid, rule.step, choice.even};
     const Terrain terrain{rivals.size, rivals.upload, choice.passing, choice.soft, rule.step};
+    std::vector<long> counts(gang.count);
+    // How many pixels there are in all, told to every member.
+    const auto known = [&](int member, const bool* reached) {
+        const Rows rows = gang.rows(member);
+        counts[member] = std::count(reached + static_cast<long>(rows.begin) * width,
+                                    reached + static_cast<long>(rows.end) * width, true);
+        gang.meet();
+        return std::accumulate(counts.begin(), counts.end(), 0L);
+    };
     gang.run([&](int member) {
         const Rows rows = gang.rows(member);
         float* scratch = gang.scratch(member);
@@ -71,13 +84,16 @@ void choose(const Rivals& rivals, const Grounds& grounds, const ChoiceRule& rule
         walk_columns(terrain, member, gang, choice.reached);
         if (member == 0) join_bands(patches, gang);
         gang.meet();
-        for (int y = rows.begin; y < rows.end; ++y) {
-            crew.sweeps.narrow(rivals, y, choice);
-            gang.crew.ldr.reach_along(terrain, y, choice.reached);
+        for (int y = rows.begin; y < rows.end; ++y) crew.sweeps.narrow(rivals, y, choice);
+        long before = -1;
+        for (long now = known(member, choice.reached); now != before;) {
+            before = now;
+            for (int y = rows.begin; y < rows.end; ++y) gang.crew.ldr.reach_along(terrain, y, choice.reached);
+            gang.meet();
+            walk_columns(terrain, member, gang, choice.reached);
+            gang.meet();
+            now = known(member, choice.reached);
         }
-        gang.meet();
-        walk_columns(terrain, member, gang, choice.reached);
-        gang.meet();
         for (int y = rows.begin; y < rows.end; ++y) {
             bool* small = gang.row_of_flags(member);
             std::fill(small, small + width, false);

@@ -98,9 +98,9 @@ class Loops(NamedTuple):
         return soft[source] or soft[target] or abs(float(u[source]) - float(u[target])) <= self.rule.step
 
     def walked(self, seeds, passing, soft):
-        """Along rows right and left, columns down and up, and all of it again where both maps are hidden."""
+        """Along rows right and left, columns down and up; round all corners where both maps are hidden."""
         reached, everywhere = seeds.copy(), list(np.ndindex(seeds.shape))
-        for turn, (dy, dx) in enumerate(((0, 1), (0, -1), (1, 0), (-1, 0)) * 2):
+        for turn, (dy, dx) in enumerate(((0, 1), (0, -1), (1, 0), (-1, 0)) * 9):
             passing = passing if turn < 4 else passing & self.hidden
             for y, x in everywhere if dy + dx > 0 else reversed(everywhere):
                 source = y - dy, x - dx

@@ -20,7 +20,7 @@ from stereomend.refinement.backends.data import (
     Rivals,
 )
 from stereomend.refinement.backends.reference_evidence import mean_5x5, patches, range_around, sample
-from stereomend.refinement.backends.reference_search import Land, bridges, walk_all_ways
+from stereomend.refinement.backends.reference_search import Land, bridges, walk_all_ways, walk_until_done
 
 Array = npt.NDArray[np.float64]
 
@@ -86,7 +86,7 @@ def choose(rivals: Rivals, grounds: Grounds, rule: ChoiceRule) -> Array:
     land = Land(settled.seeds, settled.passing, soft, upload)
     hidden = settled.passing & ~(rivals.u_shown | rivals.upload_shown)
     land = land._replace(reached=walk_all_ways(land, rule.step), passing=hidden)
-    reached = walk_all_ways(land, rule.step) & kept
+    reached = walk_until_done(land, rule.step) & kept
     bridged = bridges(reached, hidden, upload)
     return np.where(settled.decided, settled.share, reached | bridged) * (kept | bridged)
 

@@ -48,6 +48,13 @@ def walk_all_ways(land: Land, step: float) -> Mask:
     return np.ascontiguousarray(land.reached)
 
 
+def walk_until_done(land: Land, step: float) -> Mask:
+    """What can be reached along rows and columns, round any number of corners."""
+    while not ((found := walk_all_ways(land, step)) == land.reached).all():
+        land = land._replace(reached=found)
+    return found
+
+
 def bridges(reached: Mask, passing: Mask, u: Array) -> Mask:
     """Runs of passing pixels in a row or a column from one reached to another, only up or only down."""
     land, found = Land(reached, passing | reached, reached, u), np.zeros_like(reached)
