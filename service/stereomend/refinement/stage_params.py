@@ -184,7 +184,7 @@ class FusionParams(StageParams):
     against_by: float = Field(
         0.05, ge=0, le=2, description="evidence that it lacks where a vote against it counts in full [1] (R8)"
     )
-    min_trust: float = Field(0.62, ge=0, le=1, description="trust from which the upload counts [1] (R8)")
+    min_trust: float = Field(0.65, ge=0, le=1, description="trust from which the upload counts [1] (R8)")
     full_trust: float = Field(0.75, ge=0, le=1, description="trust from which it counts in full [1] (R8)")
     high_trust: float = Field(
         0.82,

@@ -49,7 +49,7 @@ def test_where_both_agree_the_share_is_what_is_equal(backend):
 @pytest.mark.parametrize(
     ("level", "margin"),
     [
-        (0.7, FUSION.win_margin),
+        (0.72, FUSION.win_margin),
         (FUSION.full_trust, FUSION.win_margin),
         ((FUSION.full_trust + FUSION.high_trust) / 2, (FUSION.win_margin - FUSION.trusted_margin) / 2),
         (FUSION.high_trust, -FUSION.trusted_margin),
@@ -70,12 +70,12 @@ def test_the_evidence_of_5_x_5_pixels_decides_mirrored_at_borders(backend):
     """A lead of one pixel that is just enough for 25, at a corner for more: there it counts four times."""
     lead = np.zeros(SIZE)
     lead[12, 20] = lead[0, 0] = 25 * 0.03
-    found = backend.choose(*told(upload=9, level=0.7, for_upload=0.6 + lead), RULE)
+    found = backend.choose(*told(upload=9, level=0.72, for_upload=0.6 + lead), RULE)
     expected = np.zeros(SIZE)
     expected[10:15, 18:23] = expected[:3, :3] = 1
     assert (found == expected).all()
     lead /= 2.5  # enough only where it counts twice or more
-    found = backend.choose(*told(upload=9, level=0.7, for_upload=0.6 + lead), RULE)
+    found = backend.choose(*told(upload=9, level=0.72, for_upload=0.6 + lead), RULE)
     expected[:], expected[:2, :3], expected[:3, :2] = 0, 1, 1
     assert (found == expected).all()
 
@@ -83,7 +83,7 @@ def test_the_evidence_of_5_x_5_pixels_decides_mirrored_at_borders(backend):
 @EVERY_BACKEND
 def test_without_trust_no_other_map_counts(backend):
     """Neither by evidence nor by being reached; up to the middle between the least and full trust."""
-    for level, share in ((0.68, 0), (0.69, 1)):
+    for level, share in ((0.69, 0), (0.71, 1)):
         assert (backend.choose(*told(upload=9, level=level, for_upload=1), RULE) == share).all()
         assert (unseen(backend, 5, level=level)[UNSEEN] == share).all()
     assert not backend.choose(*told(upload=9, level=0.5, for_upload=1), RULE._replace(enough=0.5)).any()
@@ -364,7 +364,7 @@ def test_where_u_is_not_shown_the_share_is_what_is_reached(backend):
     seeds = u_shown & (upload == 160.5)
     u = np.where(seeds, upload, 100)
     found = backend.choose(
-        *told(size, upload=upload, u=u, u_shown=u_shown, edge=edge, for_u=0, level=0.7), rule
+        *told(size, upload=upload, u=u, u_shown=u_shown, edge=edge, for_u=0, level=0.72), rule
     )
     walked = backend.reach(seeds, np.ones(size, bool), edge < 0.42, upload, rule.step)
     assert (found == walked).all()
