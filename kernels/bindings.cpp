@@ -441,8 +441,8 @@ NB_MODULE(_native, m) {
     nb::class_<SpeckleRule>(m, "SpeckleRule", "The most pixels of a speckle, and the largest step inside of one, px.")
         .def(nb::init<int, float>(), nb::kw_only(), "largest"_a, "step"_a);
     nb::class_<PollRule>(m, "PollRule", "Who votes on the upload; lengths in px, evidence without unit.")
-        .def(nb::init<float, float, float, float, float>(), nb::kw_only(), "tolerance"_a, "near"_a, "least"_a,
-             "full"_a, "frame"_a);
+        .def(nb::init<float, float, float, float, float, float, float>(), nb::kw_only(), "tolerance"_a, "near"_a,
+             "lack"_a, "most"_a, "least"_a, "full"_a, "frame"_a);
     nb::class_<GroundRule>(m, "GroundRule", "Windows in px and constants of R8 and R9.")
         .def(nb::init<double, double, double, double, double, double, double, double>(), nb::kw_only(), "trust"_a,
              "evidence"_a, "far"_a, "far_share"_a, "min_trust"_a, "full_trust"_a, "worse_by"_a, "equal_within"_a);

@@ -1,5 +1,9 @@
 #include "fusion.hpp"
 
+#include <algorithm>
+#include <numeric>
+#include <vector>
+
 #include "gang.hpp"
 
 namespace stereomend {
@@ -7,11 +11,11 @@ namespace {
 
 Choice choice_of(const Rivals& rivals, float* share, EvidenceBuffers& buffers) {
     const long pixels = pixels_of(rivals.size);
-    reserve(buffers.marks, 8 * pixels);
+    reserve(buffers.marks, 9 * pixels);
     uint8_t* marks = buffers.marks.data();
     bool* flags = reinterpret_cast<bool*>(marks + pixels);
     return {marks, flags, flags + pixels, flags + 2 * pixels, flags + 3 * pixels, flags + 4 * pixels, flags + 5 * pixels,
-            flags + 6 * pixels, share};
+            flags + 6 * pixels, flags + 7 * pixels, share};
 }
 
 // The columns of the picture that a member walks down and up.
@@ -56,11 +60,20 @@ void choose(const Rivals& rivals, const Grounds& grounds, const ChoiceRule& rule
     const Patches patches = patches_of(rivals.size, crew.evidence.buffers);
     const Steps steps{rivals.size, rivals.upload, rivals.valid, rule.step, choice.even};
     const Terrain terrain{rivals.size, rivals.upload, choice.passing, choice.soft, rule.step};
+    std::vector<long> counts(gang.count);
+    // How many pixels there are in all, told to every member.
+    const auto known = [&](int member, const bool* reached) {
+        const Rows rows = gang.rows(member);
+        counts[member] = std::count(reached + static_cast<long>(rows.begin) * width,
+                                    reached + static_cast<long>(rows.end) * width, true);
+        gang.meet();
+        return std::accumulate(counts.begin(), counts.end(), 0L);
+    };
     gang.run([&](int member) {
         const Rows rows = gang.rows(member);
         float* scratch = gang.scratch(member);
         for (int y = rows.begin; y < rows.end; ++y)
-            crew.sweeps.look(rivals, rule, y, reinterpret_cast<uint8_t*>(scratch), choice);
+            crew.sweeps.look(rivals, rule, y, scratch, choice);
         gang.meet();
         for (int y = rows.begin; y < rows.end; ++y) {
             crew.sweeps.settle(rivals, grounds, rule, y, scratch, choice);
@@ -71,12 +84,20 @@ void choose(const Rivals& rivals, const Grounds& grounds, const ChoiceRule& rule
         walk_columns(terrain, member, gang, choice.reached);
         if (member == 0) join_bands(patches, gang);
         gang.meet();
+        for (int y = rows.begin; y < rows.end; ++y) crew.sweeps.narrow(rivals, y, choice);
+        long before = -1;
+        for (long now = known(member, choice.reached); now != before;) {
+            before = now;
+            for (int y = rows.begin; y < rows.end; ++y) gang.crew.ldr.reach_along(terrain, y, choice.reached);
+            gang.meet();
+            walk_columns(terrain, member, gang, choice.reached);
+            gang.meet();
+            now = known(member, choice.reached);
+        }
         for (int y = rows.begin; y < rows.end; ++y) {
             bool* small = gang.row_of_flags(member);
             std::fill(small, small + width, false);
             gang.crew.sweeps.flag_small(patches, width, y, rule.largest_patch, small);
-            crew.sweeps.narrow(rivals, y, choice);
-            gang.crew.ldr.reach_along(terrain, y, choice.reached);
             crew.sweeps.sift(rivals, y, small, choice);
         }
         const long first = static_cast<long>(rows.begin) * width;

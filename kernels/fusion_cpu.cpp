@@ -13,6 +13,7 @@
 namespace stereomend {
 namespace {
 
+constexpr int kSeen = 4;  // pixels that what is compared of one reaches to each side
 constexpr int kWide = 7;  // pixels on each side of the window that roughness is looked for in
 constexpr float kHardly = 1e-4f;  // of a pixel: rounding shall not decide whether a count is over a share
 
@@ -30,6 +31,7 @@ void poll_row(const Rivals& in, const PollMarks& marks, const PollRule& rule, in
     float *voted = sums[0], *agreed = sums[1], *fair = sums[2], *lead = sums[3], *level = sums[4];
     float *seen = sums[5], *of_u = sums[6], *of_square = sums[7];
     const float slope = slope_of(rule.least, rule.full);
+    const float told_apart = slope_of(0.0f, rule.lack);
     const float scale = 1.0f / rule.tolerance;
     const PollRule limits = rule;
 #pragma GCC ivdep
@@ -40,10 +42,12 @@ void poll_row(const Rivals& in, const PollMarks& marks, const PollRule& rule, in
         const float vote = ramp(n[x], limits.least, slope) * static_cast<float>(inside & claimed[x] & shown[x] & matte[x]);
         const float counts = vote * static_cast<float>(flag(fabsf(apart) < limits.near) & (1 - spoilt[x]));
         const float here = static_cast<float>(shown[x]);
-        voted[x] += vote;
-        agreed[x] += vote * fast_exp2(-kLog2E * share * share);
+        const float agrees = vote * fast_exp2(-kLog2E * share * share);
+        const float ahead = other[x] - n[x];
+        voted[x] += agrees + (vote - agrees) * ramp(-ahead, 0.0f, told_apart);
+        agreed[x] += agrees;
         fair[x] += counts;
-        lead[x] += counts * (other[x] - n[x]);
+        lead[x] += counts * smaller(larger(ahead, -limits.most), limits.most);
         level[x] += counts * n[x];
         seen[x] += here;
         of_u[x] += here * u[x];
@@ -102,11 +106,50 @@ void mark_row(const Rivals& in, const ChoiceRule& rule, int y, uint8_t* spikes, 
     }
 }
 
-void look(const Rivals& in, const ChoiceRule& rule, int y, uint8_t* scratch, const Choice& choice) {
+// The least and the most of the upload in the rows around row y, infinite and minus it where it is unknown.
+void span_columns(const Rivals& in, int y, float* low, float* high) {
+    const int width = in.size.width;
+    const int first = y > kSeen ? y - kSeen : 0;
+    const int last = y + kSeen < in.size.height ? y + kSeen : in.size.height - 1;
+    for (int x = -kSeen; x < width + kSeen; ++x) low[x] = kNone, high[x] = -kNone;
+    for (int row = first; row <= last; ++row) {
+        const float* u = in.upload + offset_of(in.size, row);
+        const uint8_t* valid = bytes_of(in.valid) + offset_of(in.size, row);
+#pragma GCC ivdep
+        for (int x = 0; x < width; ++x) {
+            low[x] = smaller(low[x], valid[x] ? u[x] : kNone);
+            high[x] = larger(high[x], valid[x] ? u[x] : -kNone);
+        }
+    }
+}
+
+// Where u is over `least` px, and farther than the upload, from both ends of what the upload spans around.
+void find_smeared(const Rivals& in, int y, float least, float* scratch, uint8_t* out) {
+    const int width = in.size.width;
+    const long o = offset_of(in.size, y);
+    const float *upload = in.upload + o, *u = in.u + o;
+    float *low = scratch + kSeen, *high = low + width + 2 * kSeen;
+    span_columns(in, y, low, high);
+#pragma GCC ivdep
+    for (int x = 0; x < width; ++x) {
+        float least_around = low[x - kSeen];
+        float most_around = high[x - kSeen];
+        for (int i = 1 - kSeen; i <= kSeen; ++i) {
+            least_around = smaller(least_around, low[x + i]);
+            most_around = larger(most_around, high[x + i]);
+        }
+        const float inward = smaller(u[x] - least_around, most_around - u[x]);
+        const float own = smaller(upload[x] - least_around, most_around - upload[x]);
+        out[x] = static_cast<uint8_t>(flag(inward > least) & flag(inward > own));
+    }
+}
+
+void look(const Rivals& in, const ChoiceRule& rule, int y, float* scratch, const Choice& choice) {
     const int width = in.size.width;
     const long o = offset_of(in.size, y);
     const uint8_t* valid = bytes_of(in.valid) + o;
-    uint8_t* rough = scratch + kWide;
+    find_smeared(in, y, rule.near, scratch, bytes_of(choice.smeared) + o);
+    uint8_t* rough = reinterpret_cast<uint8_t*>(scratch) + kWide;
     mark_row(in, rule, y, rough, bytes_of(choice.even) + o);
     for (int i = 1; i <= kWide; ++i) rough[-i] = rough[width - 1 + i] = 0;
     for (int x = 0; x < width; ++x) rough[x] |= static_cast<uint8_t>(1 - valid[x]);
@@ -176,6 +219,7 @@ void settle(const Rivals& in, const Grounds& grounds, const ChoiceRule& rule, in
     const uint8_t *valid = bytes_of(in.valid) + o, *shown = bytes_of(in.upload_shown) + o;
     const uint8_t *u_shown = bytes_of(in.u_shown) + o, *glints = bytes_of(grounds.glints) + o;
     const uint8_t *beside = bytes_of(grounds.beside) + o, *even = bytes_of(choice.even) + o;
+    const uint8_t* smeared = bytes_of(choice.smeared) + o;
     uint8_t *soft = bytes_of(choice.soft) + o, *passing = bytes_of(choice.passing) + o;
     uint8_t* seeds = bytes_of(choice.reached) + o;
     float* share = choice.share + o;
@@ -190,7 +234,7 @@ void settle(const Rivals& in, const Grounds& grounds, const ChoiceRule& rule, in
         const float margin = limits.win_margin - fall * ramp(level[x], limits.full_trust, slope);
         const int wins = flag(five(leads + x) > margin) & shown[x];
         const int strong = flag(five(levels + x) >= limits.weak_share * usual[x]) & u_shown[x] & (1 - glints[x]);
-        const int comparable = shown[x] & (1 - (beside[x] & high));
+        const int comparable = shown[x] & (1 - ((beside[x] | smeared[x]) & high));
         const int contradicted = strong & (1 - close) & (1 - wins) & (comparable | (1 - high));
         const int decided = close ? u_shown[x] : strong & comparable;
         const float found = close ? equal[x] : static_cast<float>(enough & wins);

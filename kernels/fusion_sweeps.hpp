@@ -24,6 +24,8 @@ struct Rivals {
 struct PollRule {
     float tolerance;  // difference at which the maps disagree [px]
     float near;       // difference up to which they say nearly the same [px]
+    float lack;       // evidence that the upload lacks where a vote against it counts in full [1]
+    float most;       // lead of a pixel's evidence that counts at most, either way [1]
     float least;      // evidence for u from which a pixel votes [1]
     float full;       // and from which it votes in full [1]
     float frame;      // votes have their match farther inside of the right image's left end [px]
@@ -70,6 +72,7 @@ struct ChoiceRule {
 struct Choice {
     uint8_t* uneven;  // how many of the 15 pixels around in the row are spikes or holes
     bool* even;       // a slope goes on as it came
+    bool* smeared;    // u leads over a jump of the upload
     bool* soft;
     bool* passing;
     bool* reached;
@@ -118,8 +121,8 @@ struct Stretch {
 struct FusionSweeps {
     // Writes row `row` of the cells' means [out, kPolls planes of `plane` cells each]; scratch: kPolls * width.
     void (*poll)(const Rivals&, const PollMarks&, const PollRule&, int row, float* scratch, long plane, double* out);
-    // Writes row y of `uneven` and `even`; scratch: width + 14.
-    void (*look)(const Rivals&, const ChoiceRule&, int y, uint8_t* scratch, const Choice&);
+    // Writes row y of `uneven`, `even` and `smeared`; scratch: 2 * (width + 8).
+    void (*look)(const Rivals&, const ChoiceRule&, int y, float* scratch, const Choice&);
     // Writes row y of `soft`, `passing`, `reached` (its seeds) and `share`; scratch: 4 * (width + 4).
     void (*settle)(const Rivals&, const Grounds&, const ChoiceRule&, int y, float* scratch, const Choice&);
     // Leaves passing in row y only what neither map shows.

@@ -46,7 +46,17 @@ class SpeckleRule:
     def __init__(self, *, largest: int, step: float) -> None: ...
 
 class PollRule:
-    def __init__(self, *, tolerance: float, near: float, least: float, full: float, frame: float) -> None: ...
+    def __init__(
+        self,
+        *,
+        tolerance: float,
+        near: float,
+        lack: float,
+        most: float,
+        least: float,
+        full: float,
+        frame: float,
+    ) -> None: ...
 
 class ChoiceRule:
     def __init__(

@@ -34,6 +34,7 @@ from stereomend.refinement.stage_params import FusionParams
 
 _AROUND_HIDDEN = 2  # px that a descriptor and its window see of what is hidden
 _BESIDE_HIDDEN = 4  # px that a window sees of it where two readings are compared
+_STEEP = 2.0  # px of rise over 4: the right image shows them on 2
 _AROUND_GLINTS = 4  # px
 
 
@@ -83,8 +84,7 @@ def fuse(scene: Scene, maps: Readings, params: RefineParams, backend: Backend) -
     rivals = _rivals(judge, maps)
     glints = _grown(~scene.matte, _AROUND_GLINTS)
     spoilt = glints | _grown(~(rivals.upload_shown & rivals.u_shown), _AROUND_HIDDEN)
-    rule = PollRule(params.fusion.tolerance_px * judge.scale, params.fusion.near_px * judge.scale)
-    polls = backend.poll(rivals, scene.matte, spoilt, rule)
+    polls = backend.poll(rivals, scene.matte, spoilt, PollRule.of(params.fusion, judge.scale))
     choice = ChoiceRule.of(params.fusion, judge.scale, maps.u.size)
     share = backend.choose(rivals, _grounds(judge, rivals, polls, glints), choice)
     return Fused(_continued(judge, maps.u, polls), share, maps.upload)
@@ -101,8 +101,15 @@ def _grounds(judge: _Judge, rivals: Rivals, polls: Polls, glints: Mask) -> Groun
     scene, backend = judge.scene, judge.backend
     ground = backend.ground(polls, scene.size, GroundRule.of(judge.params, scene.size[1]))
     edge = np.ones_like(rivals.u) if scene.edge is None else scene.edge
-    beside = _grown(rivals.valid & ~rivals.upload_shown, _BESIDE_HIDDEN)
-    return Grounds(*ground, edge, glints, beside)
+    hidden = (rivals.valid & ~rivals.upload_shown) | hardly_shown(rivals.upload, rivals.valid)
+    return Grounds(*ground, edge, glints, _grown(hidden, _BESIDE_HIDDEN))
+
+
+def hardly_shown(u: Plane, valid: Mask) -> Mask:
+    """Where u (H, W), 0 if not valid, is so steep that the right image has half as many pixels for it."""
+    found = np.zeros(valid.shape, np.bool_)
+    np.logical_and(u[:, 4:] - u[:, :-4] >= _STEEP, valid[:, :-4], out=found[:, 2:-2])
+    return found
 
 
 def _continued(judge: _Judge, u: Plane, polls: Polls) -> Plane:

@@ -181,7 +181,10 @@ class FusionParams(StageParams):
     far_share: float = Field(
         0.1, ge=0, le=1, description="weight of a window four times as wide, or of all [1] (R8, R9)"
     )
-    min_trust: float = Field(0.62, ge=0, le=1, description="trust from which the upload counts [1] (R8)")
+    against_by: float = Field(
+        0.05, ge=0, le=2, description="evidence that it lacks where a vote against it counts in full [1] (R8)"
+    )
+    min_trust: float = Field(0.65, ge=0, le=1, description="trust from which the upload counts [1] (R8)")
     full_trust: float = Field(0.75, ge=0, le=1, description="trust from which it counts in full [1] (R8)")
     high_trust: float = Field(
         0.82,
@@ -191,6 +194,9 @@ class FusionParams(StageParams):
     )
     worse_by: float = Field(
         0.008, ge=0, le=1, description="share of evidence that the upload lacks and loses by [1] (R9)"
+    )
+    most_lead: float = Field(
+        0.02, gt=0, le=2, description="lead of a pixel's evidence that counts at most, either way [1] (R9)"
     )
     equal_within: float = Field(
         0.002, ge=0, le=1, description="share of evidence that it may lack and win [1] (R9)"

@@ -54,6 +54,18 @@ class Loops(NamedTuple):
         bends = [abs((b - here) - (here - a)) for a, here, b in self.steps_around(y, x)]
         return x >= self.rivals.upload[y, x] and max(bends, default=0) <= self.rule.step
 
+    def is_smeared(self, y, x):
+        """Whether u leads over a jump of the upload: farther inside of what that spans than it itself."""
+        around = np.s_[max(y - 4, 0) : y + 5, max(x - 4, 0) : x + 5]
+        spanned = self.rivals.upload[around][self.rivals.valid[around]].astype(float)
+        if not spanned.size:
+            return False
+        inward, own = (
+            min(float(u[y, x]) - spanned.min(), spanned.max() - float(u[y, x]))
+            for u in (self.rivals.u, self.rivals.upload)
+        )
+        return inward > max(self.rule.near, own)
+
     def is_rough(self, y, x, uneven):
         window = uneven[max(y - 7, 0) : y + 8, max(x - 7, 0) : x + 8]
         return int(window.sum()) > Fraction(str(self.rule.rough_share)) * window.size
@@ -71,7 +83,7 @@ class Loops(NamedTuple):
         high = level >= rule.high_trust
         if not rivals.u_shown[y, x] or grounds.glints[y, x] or n < rule.weak_share * grounds.usual[y, x]:
             return None, True
-        if not rivals.upload_shown[y, x] or (grounds.beside[y, x] and high):
+        if not rivals.upload_shown[y, x] or (high and (grounds.beside[y, x] or self.is_smeared(y, x))):
             return None, high
         margin = np.interp(level, [rule.full_trust, rule.high_trust], [rule.win_margin, -rule.trusted_margin])
         return float(level > rule.enough and lead > margin), lead > margin
@@ -86,9 +98,9 @@ class Loops(NamedTuple):
         return soft[source] or soft[target] or abs(float(u[source]) - float(u[target])) <= self.rule.step
 
     def walked(self, seeds, passing, soft):
-        """Along rows right and left, columns down and up, and, where both maps are hidden, rows again."""
+        """Along rows right and left, columns down and up; round all corners where both maps are hidden."""
         reached, everywhere = seeds.copy(), list(np.ndindex(seeds.shape))
-        for turn, (dy, dx) in enumerate(((0, 1), (0, -1), (1, 0), (-1, 0), (0, 1), (0, -1))):
+        for turn, (dy, dx) in enumerate(((0, 1), (0, -1), (1, 0), (-1, 0)) * 9):
             passing = passing if turn < 4 else passing & self.hidden
             for y, x in everywhere if dy + dx > 0 else reversed(everywhere):
                 source = y - dy, x - dx

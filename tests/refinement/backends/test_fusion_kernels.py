@@ -14,7 +14,7 @@ SIZES = [(1, 1), (1, 40), (40, 1), (33, 1), (2, 2), (8, 8), (61, 47), (64, 48), 
 NATIVE, REFERENCE = select_backend("native", threads=2), select_backend("reference")
 EVERY_BACKEND = pytest.mark.parametrize("backend", [NATIVE, REFERENCE], ids=lambda backend: backend.name)
 FUSION = parse_params({"preset": "robust"}).fusion
-POLL = PollRule(0.975, 1.125)
+POLL = PollRule(0.975, 1.125, 0.05, 0.02)
 THRESHOLDS = [FUSION.min_trust, FUSION.full_trust, FUSION.high_trust]
 FINE = 8  # parts of a pixel that quantised maps are rounded to
 
@@ -98,7 +98,12 @@ def assert_same(found, expected, rel=1e-5):
 @pytest.mark.parametrize("size", SIZES)
 def test_polls_match_the_reference(size, seed):
     scene = scene_of(size, seed)
-    for rule in (POLL, PollRule(0.1, 0.3), PollRule(20, 30, (-1.0, -0.5), -5.0), PollRule(1, 1, (0.4, 0.4))):
+    for rule in (
+        POLL,
+        PollRule(0.1, 0.3, 0.05, 0.1),
+        PollRule(20, 30, 1.0, 1.0, (-1.0, -0.5), -5.0),
+        PollRule(1, 1, 0, 0.01, (0.4, 0.4)),
+    ):
         assert_same(poll(NATIVE, scene, rule), poll(REFERENCE, scene, rule))
 
 
@@ -128,9 +133,12 @@ def loops(scene, rule):
         if not (both_shown and scene.matte[y, x]) or x - u <= rule.frame:
             continue
         vote = min(max((n - rule.clear[0]) / (rule.clear[1] - rule.clear[0]), 0), 1)
-        sums[(slice(0, 2), *here)] += vote, vote * math.exp(-(((upload - u) / rule.tolerance) ** 2))
+        agrees = vote * math.exp(-(((upload - u) / rule.tolerance) ** 2))
+        told_apart = min(max((n - other) / rule.lack, 0), 1)
+        sums[(slice(0, 2), *here)] += agrees + (vote - agrees) * told_apart, agrees
         if abs(upload - u) < rule.near and not scene.spoilt[y, x]:
-            sums[(slice(2, 5), *here)] += vote, vote * (other - n), vote * n
+            lead = min(max(other - n, -rule.most), rule.most)
+            sums[(slice(2, 5), *here)] += vote, vote * lead, vote * n
     return Polls(*(sums / sizes))
 
 
@@ -139,7 +147,7 @@ def loops(scene, rule):
 def test_polls_are_means_over_cells_of_what_pixels_vote(size, backend):
     """Cells at the end are of fewer pixels; quantised, so that differences meet the limits exactly."""
     scene = scene_of(size, 3, quantised=True)
-    for rule in (POLL, PollRule(0.7, 0.75, (0.25, 0.75), 2.5)):
+    for rule in (POLL, PollRule(0.7, 0.75, 0.25, 0.03, (0.25, 0.75), 2.5)):
         expected = loops(scene, rule)
         assert_same(poll(backend, scene, rule), expected)
         assert size[1] < 47 or all((np.abs(plane) > 0).mean() > 0.2 for plane in expected)
@@ -160,6 +168,12 @@ def test_polls_are_means_over_cells_of_what_pixels_vote(size, backend):
         ({"u": 37.0, "upload": 37.0}, 0, 0),  # the match is 3 px from the frame
         ({"u": 36.5, "upload": 36.5}, 1, 1),
         ({"upload": 6.125}, 1, 0),
+        ({"upload": 9, "for_upload": 0.85}, 1, 0),
+        ({"upload": 9, "for_upload": 0.875}, 0.5, 0),  # half of what it takes to tell both apart
+        ({"upload": 9, "for_upload": 0.9}, 0, 0),
+        ({"upload": 9, "for_upload": 1}, 0, 0),
+        ({"for_upload": 1}, 1, 1),
+        ({"upload": 9, "for_u": 0.5, "for_upload": 0.475}, 0.25, 0),
     ],
 )
 def test_who_votes_and_what_is_compared(backend, change, votes, fair):

@@ -158,10 +158,20 @@ class PollRule(NamedTuple):
     """Difference at which both maps disagree, px at working size."""
     near: float
     """Difference up to which they say nearly the same, px at working size."""
+    lack: float
+    """Evidence that the upload lacks where a vote against it counts in full."""
+    most: float
+    """The lead of a pixel's evidence that counts at most, either way."""
     clear: tuple[float, float] = (0.3, 0.7)
     """Evidence for GDR's map that lets a pixel vote, and lets it vote in full."""
     frame: float = 3.0
     """Votes have their match farther inside of the right image's left end, px: descriptors see around."""
+
+    @classmethod
+    def of(cls, params: FusionParams, scale: float) -> PollRule:
+        """For maps at `scale` of the input's size."""
+        lengths = params.tolerance_px * scale, params.near_px * scale
+        return cls(*lengths, params.against_by, params.most_lead)
 
 
 class Grounds(NamedTuple):
@@ -178,7 +188,7 @@ class Grounds(NamedTuple):
     glints: Mask
     """A glint, or beside one."""
     beside: Mask
-    """The upload hides it, or something beside it."""
+    """The upload hides it or shows it at a grazing angle, or something beside it."""
 
 
 class ChoiceRule(NamedTuple):
@@ -225,12 +235,13 @@ class Polls(NamedTuple):
     """Means over cells of `CELL` x `CELL` pixels, float64; a cell at the end has fewer."""
 
     voted: Cells
+    """Votes against the upload count as far as the pair tells both maps apart."""
     agreed: Cells
     """Of the votes."""
     fair: Cells
     """Votes where both say nearly the same, and nothing spoils the comparison."""
     lead: Cells
-    """Their sum of the evidence for the upload beyond that for GDR's map."""
+    """Their sum of the evidence for the upload beyond that for GDR's map, which one pixel cannot decide."""
     level: Cells
     """Their sum of the evidence for GDR's map."""
     shown: Cells

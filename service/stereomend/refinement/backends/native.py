@@ -190,7 +190,13 @@ class NativeBackend:
         """See `Backend.poll`."""
         least, full = rule.clear
         constants = _native.PollRule(
-            tolerance=rule.tolerance, near=rule.near, least=least, full=full, frame=rule.frame
+            tolerance=rule.tolerance,
+            near=rule.near,
+            lack=rule.lack,
+            most=rule.most,
+            least=least,
+            full=full,
+            frame=rule.frame,
         )
         planes = self._engine.poll(rivals, matte, spoilt, constants)
         return Polls(*planes.reshape(len(Polls._fields), -1, planes.shape[1]))

@@ -39,12 +39,12 @@ def _windows(values: Array, mode: Any) -> Array:
     return np.lib.stride_tricks.sliding_window_view(padded, (_SIDE, _SIDE))
 
 
-def range_3x3(values: Plane, chosen: Mask) -> tuple[Array, Array]:
-    """Least and most of the chosen values in the 3 x 3 around each pixel; infinite and minus it for none."""
-    bounds = []
+def range_around(values: Plane, chosen: Mask, by: int) -> tuple[Array, Array]:
+    """Least and most of the chosen values up to `by` px away along both axes; infinite, minus it for none."""
+    bounds, side = [], 2 * by + 1
     for reduced, beyond in ((np.min, np.inf), (np.max, -np.inf)):
-        padded = np.pad(np.where(chosen, values, beyond), 1, constant_values=beyond)
-        windows = np.lib.stride_tricks.sliding_window_view(padded, (3, 3))
+        padded = np.pad(np.where(chosen, values, beyond), by, constant_values=beyond)
+        windows = np.lib.stride_tricks.sliding_window_view(padded, (side, side))
         bounds.append(np.asarray(reduced(windows, axis=(2, 3)), np.float64))
     return bounds[0], bounds[1]
 

@@ -19,11 +19,12 @@ from stereomend.refinement.backends.data import (
     Polls,
     Rivals,
 )
-from stereomend.refinement.backends.reference_evidence import mean_5x5, patches, range_3x3, sample
-from stereomend.refinement.backends.reference_search import Land, bridges, walk_all_ways, walk_both_ways
+from stereomend.refinement.backends.reference_evidence import mean_5x5, patches, range_around, sample
+from stereomend.refinement.backends.reference_search import Land, bridges, walk_all_ways, walk_until_done
 
 Array = npt.NDArray[np.float64]
 
+_SEEN = 4  # px that what is compared of a pixel reaches to each side
 _AROUND = 7  # px on each side of the window that roughness is looked for in
 _HARDLY = 1e-4  # of a pixel: rounding shall not decide whether a count is over a share
 
@@ -39,9 +40,13 @@ def poll(rivals: Rivals, matte: Mask, spoilt: Mask, rule: PollRule) -> Polls:
     inside = np.arange(u.shape[1]) - u > rule.frame
     votes = ramp(n, *rule.clear) * (rivals.u_shown & rivals.upload_shown & matte & inside)
     agreeing = votes * np.exp(-(((upload - u) / rule.tolerance) ** 2))
+    leads = np.asarray(rivals.for_upload, np.float64) - n
+    against = (votes - agreeing) * ramp(-leads, 0, rule.lack)
     fair = votes * (near(rivals, rule.near) & ~spoilt)
     shown = rivals.u_shown.astype(np.float64)
-    parts = (votes, agreeing, fair, fair * (rivals.for_upload - n), fair * n, shown, shown * u, shown * u * u)
+    trust = (agreeing + against, agreeing)
+    lead = fair * np.clip(leads, -rule.most, rule.most)
+    parts = (*trust, fair, lead, fair * n, shown, shown * u, shown * u * u)
     return Polls(*map(cells, parts))
 
 
@@ -81,7 +86,7 @@ def choose(rivals: Rivals, grounds: Grounds, rule: ChoiceRule) -> Array:
     land = Land(settled.seeds, settled.passing, soft, upload)
     hidden = settled.passing & ~(rivals.u_shown | rivals.upload_shown)
     land = land._replace(reached=walk_all_ways(land, rule.step), passing=hidden)
-    reached = walk_both_ways(land, rule.step) & kept
+    reached = walk_until_done(land, rule.step) & kept
     bridged = bridges(reached, hidden, upload)
     return np.where(settled.decided, settled.share, reached | bridged) * (kept | bridged)
 
@@ -95,7 +100,7 @@ def _settle(rivals: Rivals, grounds: Grounds, rule: ChoiceRule) -> _Settled:
     )
     wins = rivals.upload_shown & (mean_5x5(rivals.for_upload - n) > margin)
     strong = rivals.u_shown & ~grounds.glints & (mean_5x5(n) >= rule.weak_share * grounds.usual)
-    comparable = rivals.upload_shown & ~(grounds.beside & high)
+    comparable = rivals.upload_shown & ~((grounds.beside | smeared(rivals, rule.near)) & high)
     contradicted = strong & ~close & ~wins & (comparable | ~high)
     uneven = spikes(np.asarray(rivals.upload, np.float64), rule.spike) | ~rivals.valid
     return _Settled(
@@ -104,6 +109,14 @@ def _settle(rivals: Rivals, grounds: Grounds, rule: ChoiceRule) -> _Settled:
         enough & close & rivals.u_shown & rivals.upload_shown,
         rivals.valid & enough & ~contradicted & few_around(uneven, rule.rough_share),
     )
+
+
+def smeared(rivals: Rivals, least: float) -> Mask:
+    """Where GDR's map leads over a jump of the upload: over `least` px, and farther, from both its sides."""
+    low, high = range_around(rivals.upload, rivals.valid, _SEEN)
+    inward, own = (np.minimum(u - low, high - u) for u in (rivals.u, rivals.upload))
+    found: Mask = (inward > least) & (inward > own)
+    return found
 
 
 def spikes(u: Array, height: float) -> Mask:
@@ -148,7 +161,7 @@ def merge(offer: Offer, enlarged: Offer, upload: Plane, valid: Mask, near: float
     ratio = size[1] / offer.u.shape[1]
     u, share = enlarged.u * ratio, enlarged.share
     judged = np.where(sample(offer.share, size) > HALF, sample(offer.sample, size) * ratio, u)
-    least, most = (sample(bound, size) * ratio for bound in range_3x3(offer.sample, offer.share > HALF))
+    least, most = (sample(bound, size) * ratio for bound in range_around(offer.sample, offer.share > HALF, 1))
     chosen = np.where((upload >= least - 1) & (upload <= most + 1), upload, judged)
     hard = np.where(share > HALF, chosen, u)
     blended = share * upload + (1 - share) * u

@@ -43,18 +43,16 @@ class Land(NamedTuple):
 
 def walk_all_ways(land: Land, step: float) -> Mask:
     """What can be reached along rows right and left, then columns down and up."""
-    return _walk_by(land, step, (_as_it_is, _mirrored, _turned, _turned_over))
-
-
-def walk_both_ways(land: Land, step: float) -> Mask:
-    """What can be reached along rows right and left."""
-    return _walk_by(land, step, (_as_it_is, _mirrored))
-
-
-def _walk_by(land: Land, step: float, turns: tuple[_Turn, ...]) -> Mask:
-    for turn in turns:
+    for turn in (_as_it_is, _mirrored, _turned, _turned_over):
         land = land._replace(reached=turn(walk(Land(*map(turn, land)), step)))
     return np.ascontiguousarray(land.reached)
+
+
+def walk_until_done(land: Land, step: float) -> Mask:
+    """What can be reached along rows and columns, round any number of corners."""
+    while not ((found := walk_all_ways(land, step)) == land.reached).all():
+        land = land._replace(reached=found)
+    return found
 
 
 def bridges(reached: Mask, passing: Mask, u: Array) -> Mask:
