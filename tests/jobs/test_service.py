@@ -34,7 +34,7 @@ from stereomend.settings import load_settings
 
 NPY = "application/x-npy"
 QUICK = {"gdr": {"warps": 1, "levels": 1}}
-SLOW = {"gdr": {"warps": 40, "iterations": 60, "levels": 1}, "processing_scale": 1.0}
+SLOW = {"gdr": {"warps": 100, "iterations": 60, "levels": 1}, "processing_scale": 1.0}
 ENDLESS = {"gdr": {"warps": 1000, "iterations": 1000, "levels": 1}, "processing_scale": 1.0}
 
 
@@ -81,6 +81,15 @@ async def until(jobs, id, *states):
     while record.state not in states:
         record = await jobs.changed(id, None, record.version, 60)
     return record
+
+
+async def at_work(jobs, id, attempt=1):
+    """Wait until a worker has told that it works on a job: `running` says that the job is claimed for one."""
+    while True:
+        record, ticket = await jobs.get(id, None), jobs._runner._running.get(id)
+        if record.attempt == attempt and ticket and ticket.heard_at > ticket.started_at > 0:
+            return
+        await asyncio.sleep(0.02)
 
 
 async def ended(jobs, id):
@@ -188,7 +197,7 @@ def test_progress_is_told_while_a_job_runs(serve, submission):
 def test_the_job_of_a_killed_worker_runs_again(serve, submission):
     async def scenario(jobs):
         id = (await jobs.submit(submission(SLOW))).record.id
-        await until(jobs, id, JobState.RUNNING)
+        await at_work(jobs, id)
         (worker,) = active_children()
         os.kill(worker.pid, signal.SIGKILL)
         record = await ended(jobs, id)
@@ -202,9 +211,7 @@ def test_a_job_that_kills_its_workers_is_poison(serve, submission):
     async def scenario(jobs):
         id = (await jobs.submit(submission(ENDLESS))).record.id
         for attempt in range(1, 4):
-            record = await until(jobs, id, JobState.RUNNING)
-            while record.attempt < attempt:
-                record = await jobs.changed(id, None, record.version, 60)
+            await at_work(jobs, id, attempt)
             for worker in active_children():
                 os.kill(worker.pid, signal.SIGKILL)
         assert (await ended(jobs, id)).state is JobState.FAILED
@@ -217,7 +224,7 @@ def test_a_job_that_kills_its_workers_is_poison(serve, submission):
 def test_a_silent_worker_loses_its_job_and_says_nothing_more(serve, submission):
     async def scenario(jobs):
         id = (await jobs.submit(submission(SLOW))).record.id
-        await until(jobs, id, JobState.RUNNING)
+        await at_work(jobs, id)
         (worker,) = active_children()
         os.kill(worker.pid, signal.SIGSTOP)
         record = await ended(jobs, id)
