@@ -102,6 +102,12 @@ def serving(tmp_path):
 
 
 @pytest.fixture
+def stages():
+    """What `Server-Timing` names, in its order."""
+    return ["queue", "decode", "prepare", "initial", "ldr", "gdr", "finish", "encode", "total"]
+
+
+@pytest.fixture
 def eventually():
     """Wait until a condition holds, or fail."""
 

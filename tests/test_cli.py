@@ -72,7 +72,7 @@ def test_refine_writes_what_the_library_computes(folder, tmp_path, ending):
     assert (read(out) == expected(folder, preset="released", gdr={"warps": 3}).disparity).all()
 
 
-def test_a_png_holds_256ths_and_a_preview_comes_along(folder, tmp_path):
+def test_a_png_holds_256ths_and_a_preview_comes_along(folder, tmp_path, stages):
     out, preview = tmp_path / "refined.png", tmp_path / "preview.png"
     done = stereomend(
         "refine", *inputs(folder), "-o", out, "--stages", "ldr", "--preview", preview, "--timings"
@@ -81,9 +81,7 @@ def test_a_png_holds_256ths_and_a_preview_comes_along(folder, tmp_path):
     disparity = expected(folder, stages=["ldr"]).disparity
     assert np.abs(read(out) / 256 - disparity).max() <= 0.5 / 256 + 1e-6
     assert cv2.imread(str(preview)).shape[2] == 3
-    assert [line.split()[0] for line in done.stdout.splitlines()[1:]] == [
-        *("queue", "decode", "prepare", "initial", "ldr", "gdr", "finish", "encode", "total")
-    ]
+    assert [line.split()[0] for line in done.stdout.splitlines()[1:]] == stages
 
 
 def test_a_server_gives_the_same_bytes(folder, tmp_path, native_server):

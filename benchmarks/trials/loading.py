@@ -18,9 +18,10 @@ import httpx
 import numpy as np
 
 from stereomend.bench.cases import WxH, broken_phantom
+from stereomend.jobs.task import TIMINGS
 from trials.processes import descendants, is_worker, memory_mb
 
-STAGES = ("decode", "prepare", "initial", "ldr", "gdr", "finish", "encode")
+STAGES = tuple(name for name in TIMINGS if name not in ("queue", "total"))
 """Of `Server-Timing`: what is done to pixels and files, and is not the server's own."""
 _SAMPLE_S = 1.0
 _SETTLED = 0.25

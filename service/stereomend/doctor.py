@@ -115,12 +115,12 @@ def file_system(folder: Path, mounts: str | None = None) -> Finding:
 
 def file_system_of(folder: Path, mounts: str) -> str:
     """The type of the file system that a folder is, or will be, in."""
-    found: tuple[int, str] = 0, "an unknown file system"
+    folder, found = folder.resolve(), (0, "an unknown file system")
     for line in mounts.splitlines():
         place, _, rest = line.partition(" - ")
         point = Path(place.split()[4].encode().decode("unicode_escape"))
         # Of those of one folder the last lies on top.
-        if folder.absolute().resolve().is_relative_to(point) and len(point.parts) >= found[0]:
+        if folder.is_relative_to(point) and len(point.parts) >= found[0]:
             found = len(point.parts), rest.split()[0]
     return found[1]
 
