@@ -28,6 +28,7 @@ from stereomend.jobs.changes import Changes
 from stereomend.jobs.killpoints import pass_killpoint
 from stereomend.jobs.ledger import Accepted, Page, Stats
 from stereomend.jobs.listener import Listener
+from stereomend.jobs.memory import give_back_freed_memory
 from stereomend.jobs.pool import GRACE_S, WorkerPool
 from stereomend.jobs.records import JobRecord, JobState, NewJob, inputs_blob
 from stereomend.jobs.runner import Runner, task_of
@@ -46,6 +47,7 @@ T = TypeVar("T")
 
 _REAP_S = 2.0
 _SWEEP_S = 60.0
+_TRIM_S = 60.0
 
 
 class StoredResult(NamedTuple):
@@ -88,6 +90,7 @@ class JobService:
         self._chores = [
             asyncio.create_task(_every(min(_REAP_S, self._settings.lease_s / 2), self._reap)),
             asyncio.create_task(_every(self._sweep_s, lambda: store.move(sweeper.sweep))),
+            asyncio.create_task(_every(_TRIM_S, lambda: asyncio.to_thread(give_back_freed_memory))),
         ]
 
     async def stop(self, grace_s: float = GRACE_S) -> None:
