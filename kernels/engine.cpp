@@ -109,9 +109,10 @@ std::vector<std::string> instruction_sets() {
     return names;
 }
 
-Engine::Engine(int threads, const std::string& instruction_set)
+Engine::Engine(int threads, const std::string& instruction_set, bool wary)
     : sweeps_(*best(instruction_set).gdr),
       team_(threads),
+      crowd_(team_, wary),
       ldr_{team_, ldr_buffers_, *best(instruction_set).ldr},
       evidence_{team_, evidence_buffers_, *best(instruction_set).evidence, ldr_.sweeps},
       fusion_{evidence_, *best(instruction_set).fusion, cell_buffers_},
@@ -139,41 +140,55 @@ void Engine::prepare(const Level& level, float* u) {
 }
 
 void Engine::solve(const Level& unpadded, const SolverParams& params, float* u, const GoOn& go_on) {
-    const std::lock_guard<std::mutex> lock(mutex_);
+    const Turn turn(*this);
     const Level level = padded(unpadded);
     prepare(level, u);
     const long pixels = static_cast<long>(level.width) * level.height;
     const int crew = pixels < kAlone ? 1 : team_.size();
-    const Laps laps = plan_laps(level, params, crew);
+    const Laps planned = plan_laps(level, params, crew);
     const Window window = window_of(params.averaging);
-    const bool guided = level.prior || params.observed_only || params.averaging > 0.0f;
-    if (progress_.size() < static_cast<size_t>(laps.count)) progress_ = std::vector<Progress>(laps.count);
-    bool stopped = false;  // written by the caller's member before a meeting, read by all after it
+    if (progress_.size() < static_cast<size_t>(planned.count)) progress_ = std::vector<Progress>(planned.count);
+    // Written by the caller's member before a meeting, read by all after it.
+    bool stopped = false;
+    bool crowded = false;
     const auto body = [&](int member) {
         if (member >= crew) return;
-        float* own = scratch_.data() + scratch_floats(level.width) * member;
-        const Rows rows = band(level.height, member, crew);
+        Laps laps = planned;
+        Rows rows = band(level.height, member, crew);
         if (level.edge) sweeps_.prepare_edges(level, state_, params, rows);
         for (int warp = 0; warp < params.warps; ++warp) {
             if (member == 0 && go_on && !go_on()) stopped = true;
-            for (int lap = member; lap < laps.count; lap += crew)
+            for (int lap = member; lap < laps.count; lap += laps.crew)
                 progress_[lap].rows.store(0, std::memory_order_relaxed);
-            if (guided) {
-                sweeps_.gather(level, state_, params, window, rows, own);
-                if (crew > 1) team_.meet();
-                sweeps_.settle(level, state_, params, window, rows);
-            } else {
-                sweeps_.linearise(level, state_, params, rows, own);
-            }
-            if (crew > 1) team_.meet();
+            linearise(level, params, window, {rows, member, laps.crew});
             if (stopped) return;
-            if (crew == 1 || pixels >= kFollow) wave(level, params, laps, member);
+            if (laps.crew == 1 || pixels >= kFollow) wave(level, params, laps, member);
             else sweep(level, params, member);
-            if (crew > 1) team_.meet();
+            if (laps.crew == 1) continue;
+            if (member == 0) crowded = crowd_.seen();
+            team_.meet();
+            if (!crowded) continue;
+            if (member > 0) return;
+            laps = plan_laps(level, params, 1);
+            rows = {0, level.height};
         }
     };
-    if (crew == 1) body(0);
-    else team_.run(std::ref(body));
+    if (crew == 1) return body(0);
+    crowd_.begin();
+    team_.run(std::ref(body));
+}
+
+// Ends with a meeting.
+void Engine::linearise(const Level& level, const SolverParams& params, const Window& window, const Part& part) {
+    float* own = scratch_.data() + scratch_floats(level.width) * part.member;
+    if (level.prior || params.observed_only || params.averaging > 0.0f) {
+        sweeps_.gather(level, state_, params, window, part.rows, own);
+        if (part.crew > 1) team_.meet();
+        sweeps_.settle(level, state_, params, window, part.rows);
+    } else {
+        sweeps_.linearise(level, state_, params, part.rows, own);
+    }
+    if (part.crew > 1) team_.meet();
 }
 
 // Each member keeps its rows; all meet between the steps.
@@ -212,7 +227,7 @@ void Engine::wave(const Level& level, const SolverParams& params, const Laps& la
 // Rows are taken by whoever is free, for one core may be busy with something else; the left image is described once for
 // a few readings.
 std::vector<Mismatch> Engine::mismatch(Size size, const float* left, const std::vector<Reading>& readings) {
-    const std::lock_guard<std::mutex> lock(mutex_);
+    const Turn turn(*this);
     const size_t height = size.height;
     const size_t floats = distance_floats(size.width, kPiece);
     scratch_.resize(std::max(scratch_.size(), floats * team_.size()));
@@ -256,7 +271,7 @@ long Engine::see(int width, const Reading& reading, Rows rows, bool* seen, long*
 }
 
 void Engine::unobserved(Size size, const float* u, bool* out) {
-    const std::lock_guard<std::mutex> lock(mutex_);
+    const Turn turn(*this);
     team_.share(pieces_of(size.height), [&](int, int piece) {
         const Rows rows = piece_of(size.height, piece);
         for (int y = rows.begin; y < rows.end; ++y) {
@@ -267,107 +282,107 @@ void Engine::unobserved(Size size, const float* u, bool* out) {
 }
 
 void Engine::confidence(const ConfidenceInput& input, const ConfidenceParams& params, float* out) {
-    const std::lock_guard<std::mutex> lock(mutex_);
+    const Turn turn(*this);
     stereomend::confidence(input, params, out, ldr_);
 }
 
 void Engine::fill(const Holes& map, int steps, int passes) {
-    const std::lock_guard<std::mutex> lock(mutex_);
+    const Turn turn(*this);
     stereomend::fill(map, steps, passes, ldr_);
 }
 
 void Engine::fill_occlusions(const Holes& map, const OcclusionRule& rule, bool* filled) {
-    const std::lock_guard<std::mutex> lock(mutex_);
+    const Turn turn(*this);
     stereomend::fill_occlusions(map, rule, filled, ldr_);
 }
 
 void Engine::reach(const Terrain& terrain, bool* reached) {
-    const std::lock_guard<std::mutex> lock(mutex_);
+    const Turn turn(*this);
     stereomend::reach(terrain, reached, ldr_);
 }
 
 void Engine::evidence(const Pair& pair, const std::vector<const float*>& maps, const std::vector<float*>& found) {
-    const std::lock_guard<std::mutex> lock(mutex_);
+    const Turn turn(*this);
     stereomend::evidence(pair, maps, found, evidence_);
 }
 
 void Engine::trust(const ConfidenceInput& input, const TrustParams& params, const SpeckleRule& rule, float* out) {
-    const std::lock_guard<std::mutex> lock(mutex_);
+    const Turn turn(*this);
     stereomend::trust(input, params, rule, out, evidence_);
 }
 
 void Engine::speckles(const Steps& map, int largest, bool* out) {
-    const std::lock_guard<std::mutex> lock(mutex_);
+    const Turn turn(*this);
     stereomend::speckles(map, largest, out, evidence_);
 }
 
 void Engine::edge_weights(const Channels& channels, const EdgeParams& params, float* out) {
-    const std::lock_guard<std::mutex> lock(mutex_);
+    const Turn turn(*this);
     stereomend::edge_weights(channels, params, out, evidence_);
 }
 
 void Engine::glints(const Channels& channels, const GlintRule& rule, bool* found, bool* nearly) {
-    const std::lock_guard<std::mutex> lock(mutex_);
+    const Turn turn(*this);
     stereomend::glints(channels, rule, found, nearly, evidence_);
 }
 
 void Engine::better(const Pair& pair, const float* u, const float* other, const ReuseRule& rule, float* out) {
-    const std::lock_guard<std::mutex> lock(mutex_);
+    const Turn turn(*this);
     stereomend::better(pair, u, other, rule, out, evidence_);
 }
 
 void Engine::halve(Size from, const std::vector<const float*>& planes, const std::vector<float*>& out) {
-    const std::lock_guard<std::mutex> lock(mutex_);
+    const Turn turn(*this);
     stereomend::halve(from, planes, out, evidence_);
 }
 
 void Engine::halve_weighed(Size from, const Weighed& map) {
-    const std::lock_guard<std::mutex> lock(mutex_);
+    const Turn turn(*this);
     stereomend::halve_weighed(from, map, evidence_);
 }
 
 void Engine::poll(const Rivals& rivals, const PollMarks& marks, const PollRule& rule, double* out) {
-    const std::lock_guard<std::mutex> lock(mutex_);
+    const Turn turn(*this);
     stereomend::poll(rivals, marks, rule, out, fusion_);
 }
 
 void Engine::choose(const Rivals& rivals, const Grounds& grounds, const ChoiceRule& rule, float* out) {
-    const std::lock_guard<std::mutex> lock(mutex_);
+    const Turn turn(*this);
     stereomend::choose(rivals, grounds, rule, out, fusion_);
 }
 
 void Engine::ground(Size size, const double* polls, const GroundRule& rule, float* const out[3]) {
-    const std::lock_guard<std::mutex> lock(mutex_);
+    const Turn turn(*this);
     stereomend::ground(size, polls, rule, out, fusion_);
 }
 
 void Engine::bend(Size size, const float* u, const double* polls, const BendRule& rule, float* out) {
-    const std::lock_guard<std::mutex> lock(mutex_);
+    const Turn turn(*this);
     stereomend::bend(size, u, polls, rule, out, fusion_);
 }
 
 void Engine::shrink(const Samples& from, Size to, const Shrunk& out) {
-    const std::lock_guard<std::mutex> lock(mutex_);
+    const Turn turn(*this);
     stereomend::shrink(from, to, out, resize_);
 }
 
 void Engine::merge(const Offer& offer, float* out) {
-    const std::lock_guard<std::mutex> lock(mutex_);
+    const Turn turn(*this);
     stereomend::merge(offer, out, resize_);
 }
 
 void Engine::shrink_sparse(const Sparse& from, Size to, float half, float* u, bool* valid) {
-    const std::lock_guard<std::mutex> lock(mutex_);
+    const Turn turn(*this);
     stereomend::shrink_sparse(from, to, half, u, valid, resize_);
 }
 
 void Engine::sample_sparse(const Sparse& from, Size to, float* u, bool* valid) {
-    const std::lock_guard<std::mutex> lock(mutex_);
+    const Turn turn(*this);
     stereomend::sample_sparse(from, to, u, valid, resize_);
 }
 
 void Engine::tell(const Origins& origins, const float* u, Kinds& out) {
-    const std::lock_guard<std::mutex> lock(mutex_);
+    const Turn turn(*this);
     stereomend::tell(origins, u, ldr_.sweeps, out, resize_);
 }
 

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "cells.hpp"
+#include "crowd.hpp"
 #include "evidence.hpp"
 #include "fusion.hpp"
 #include "ldr.hpp"
@@ -25,6 +26,13 @@ std::vector<std::string> instruction_sets();
 struct Laps {
     int length;
     int count;
+    int crew;
+};
+
+// What one of `crew` members does.
+struct Part {
+    Rows rows;
+    int member;
     int crew;
 };
 
@@ -49,8 +57,9 @@ using GoOn = std::function<bool()>;
 // threads. Buffers grow to the largest image seen: nothing is allocated inside a solve.
 class Engine {
 public:
-    // An empty instruction set takes the best. Throws std::invalid_argument for one that is not available.
-    Engine(int threads, const std::string& instruction_set);
+    // An empty instruction set takes the best. A wary engine leaves to one thread what takes longer with several while
+    // other processes are on their cores. Throws std::invalid_argument for an instruction set that is not available.
+    Engine(int threads, const std::string& instruction_set, bool wary = true);
 
     // All warps of one level: refines u (height, width) [in/out, px of the level]. The dual variable starts at 0.
     // The level's right image comes without padding, here and below.
@@ -99,16 +108,27 @@ private:
         std::atomic<int> rows{0};
     };
 
+    // A call has the engine for itself, and works with one thread where others take the cores.
+    class Turn {
+    public:
+        explicit Turn(Engine& engine) : lock_(engine.mutex_) { engine.team_.muster(engine.crowd_.expected()); }
+
+    private:
+        std::lock_guard<std::mutex> lock_;
+    };
+
     void reserve(int width, size_t rows);
     Level padded(const Level& level);
     long see(int width, const Reading& reading, Rows rows, bool* seen, long* counts);
     void prepare(const Level& level, float* u);
+    void linearise(const Level& level, const SolverParams& params, const Window& window, const Part& part);
     void sweep(const Level& level, const SolverParams& params, int member);
     void wave(const Level& level, const SolverParams& params, const Laps& laps, int member);
 
     const Sweeps& sweeps_;
     std::mutex mutex_;
     Team team_;
+    Crowd crowd_;
     std::vector<float> planes_;   // the solver's state, 5 planes
     std::vector<float> right_;    // the right image with its rows' ends repeated
     std::vector<float> scratch_;  // of each member

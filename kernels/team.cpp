@@ -1,9 +1,9 @@
 #include "team.hpp"
 
 #include <pthread.h>
+#include <time.h>
 
 #include <algorithm>
-#include <chrono>
 #include <system_error>
 
 namespace stereomend {
@@ -25,7 +25,7 @@ Team::Team(int wanted) {
         for (int member = 1; member < wanted; ++member) others_.emplace_back([this, member] { serve(member); });
     } catch (const std::system_error&) {
     }
-    barrier_.resize(size());
+    muster(false);
 }
 
 Team::~Team() {
@@ -35,6 +35,19 @@ Team::~Team() {
     }
     wake_.notify_all();
     for (std::thread& other : others_) other.join();
+}
+
+void Team::muster(bool alone) {
+    size_ = alone ? 1 : static_cast<int>(others_.size()) + 1;
+    barrier_.resize(size_);
+}
+
+std::chrono::nanoseconds Team::busy(int member) const {
+    clockid_t clock = CLOCK_THREAD_CPUTIME_ID;
+    if (member > 0) pthread_getcpuclockid(const_cast<std::thread&>(others_[member - 1]).native_handle(), &clock);
+    timespec spent{};
+    clock_gettime(clock, &spent);
+    return std::chrono::seconds(spent.tv_sec) + std::chrono::nanoseconds(spent.tv_nsec);
 }
 
 // Has each other thread wake on a core of its own. Left alone, the scheduler often wakes it on the caller's, and it
@@ -73,6 +86,7 @@ void Team::linger(long done) const {
 }
 
 void Team::run(const std::function<void(int)>& body) {
+    if (size() == 1) return body(0);
     begin(body, false);
     body(0);
     wait_until([&] { return busy_.load(std::memory_order_acquire) == 0; });

@@ -4,6 +4,7 @@
 #include <sched.h>
 
 #include <atomic>
+#include <chrono>
 #include <condition_variable>
 #include <functional>
 #include <mutex>
@@ -56,7 +57,14 @@ public:
     Team(const Team&) = delete;
     Team& operator=(const Team&) = delete;
 
-    int size() const { return static_cast<int>(others_.size()) + 1; }
+    // Of those who are to work: all, or the caller alone.
+    int size() const { return size_; }
+
+    // Says who is to work from now on; not inside a body.
+    void muster(bool alone);
+
+    // How long a member has computed in its life, the caller being member 0.
+    std::chrono::nanoseconds busy(int member) const;
 
     // Runs body(member) once for each member, the caller being member 0. The body must not throw.
     void run(const std::function<void(int)>& body);
@@ -78,6 +86,7 @@ private:
     std::vector<int> cores_;
     bool lingers_ = false;  // there is a core for each
     std::vector<std::thread> others_;
+    int size_ = 1;
     Barrier barrier_;
     std::mutex mutex_;
     std::condition_variable wake_;

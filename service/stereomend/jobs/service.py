@@ -47,7 +47,7 @@ T = TypeVar("T")
 
 _REAP_S = 2.0
 _SWEEP_S = 60.0
-_TRIM_S = 60.0
+_TRIM_S = 10.0
 
 
 class StoredResult(NamedTuple):
