@@ -140,6 +140,13 @@ def test_the_slope_of_two_solves_separates_iterations_from_what_comes_before():
     assert found.speedup == pytest.approx(1)
 
 
+def test_a_gpu_has_no_share_of_what_the_cpu_could_do():
+    setup = Setup("cuda", (80, 64), 2)
+    (found,) = sweep_times({(setup, FEW): at(1.0), (setup, MANY): at(2.0)}, [Ceiling(2, 10.0, 100.0)])
+    assert found.gflop_s > 0
+    assert found.of_multiply_add is found.of_triad is None
+
+
 def test_where_noise_hides_the_slope_nothing_is_claimed():
     setup = Setup("native", (80, 64), 1)
     (found,) = sweep_times({(setup, FEW): at(5.0), (setup, MANY): at(4.0)}, [Ceiling(1, 10.0, 100.0)])

@@ -8,11 +8,13 @@ from contextlib import asynccontextmanager
 import pytest
 
 from stereomend.jobs.pool import WorkerPool
-from stereomend.jobs.task import Task
+from stereomend.jobs.service import Submission
+from stereomend.jobs.task import Files, Task
 from stereomend.refinement import parse_params
 from stereomend.settings import load_settings
 
 NPY = "application/x-npy"
+QUICK = {"gdr": {"warps": 1, "levels": 1}}
 
 
 @pytest.fixture
@@ -28,13 +30,23 @@ def make_task(scene):
 @pytest.fixture
 def quick(make_task):
     """A task that is done at once."""
-    return make_task(gdr={"warps": 1, "levels": 1})
+    return make_task(**QUICK)
 
 
 @pytest.fixture
 def endless(make_task):
     """A task that takes minutes."""
     return make_task(gdr={"warps": 1000, "iterations": 1000, "levels": 1}, processing_scale=1.0)
+
+
+@pytest.fixture
+def submission(scene):
+    """What a client sends, done at once unless parameters are given: `submission(SLOW, priority=1)`."""
+
+    def make(params=QUICK, owner="local", files=None, **options):
+        return Submission(Files(**(files or scene.files)), parse_params(params), owner, **options)
+
+    return make
 
 
 @pytest.fixture
@@ -65,11 +77,11 @@ async def pool(**settings):
 
 @pytest.fixture
 def small_disk(tmp_path):
-    """A disk of 1 MiB."""
+    """A folder on a disk of 2 MiB."""
     folder = tmp_path / "small"
     folder.mkdir()
     mounted = subprocess.run(
-        ["mount", "-t", "tmpfs", "-o", "size=1m", "tmpfs", folder], check=False, capture_output=True
+        ["mount", "-t", "tmpfs", "-o", "size=2m", "tmpfs", folder], check=False, capture_output=True
     )
     if mounted.returncode:
         pytest.skip("only root can mount a small disk")

@@ -121,7 +121,7 @@ def test_a_full_disk_is_named_and_leaves_nothing(small_disk):
     blobs = BlobStore(small_disk / "data")
     blobs.put(RESULT, [bytes(1000)])
     with pytest.raises(DiskFull):
-        blobs.put(INPUTS, (bytes(100_000) for _ in range(20)))
+        blobs.put(INPUTS, (bytes(100_000) for _ in range(40)))
     assert names(blobs) == [RESULT]
     assert blobs.free_bytes() > 900_000
     blobs.put(INPUTS, [bytes(100_000)])

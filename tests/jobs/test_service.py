@@ -3,7 +3,6 @@
 import asyncio
 import os
 import signal
-import subprocess
 import time
 from contextlib import asynccontextmanager, suppress
 from multiprocessing import active_children
@@ -27,25 +26,14 @@ from stereomend.errors import (
 )
 from stereomend.jobs.pool import WorkerPool
 from stereomend.jobs.records import JobState
-from stereomend.jobs.service import JobService, Submission
-from stereomend.jobs.task import Answer, Files, Task, perform
-from stereomend.refinement import parse_params, select_backend
+from stereomend.jobs.service import JobService
+from stereomend.jobs.task import Answer, Task, perform
+from stereomend.refinement import select_backend
 from stereomend.settings import load_settings
 
 NPY = "application/x-npy"
-QUICK = {"gdr": {"warps": 1, "levels": 1}}
 SLOW = {"gdr": {"warps": 100, "iterations": 60, "levels": 1}, "processing_scale": 1.0}
 ENDLESS = {"gdr": {"warps": 1000, "iterations": 1000, "levels": 1}, "processing_scale": 1.0}
-
-
-@pytest.fixture
-def submission(scene):
-    """What a client sends: `submission(QUICK, priority=1)`."""
-
-    def make(params=QUICK, owner="local", files=None, **options):
-        return Submission(Files(**(files or scene.files)), parse_params(params), owner, **options)
-
-    return make
 
 
 @pytest.fixture
@@ -374,20 +362,6 @@ def test_a_data_folder_that_cannot_be_used_is_named(tmp_path):
 
     with pytest.raises(ConfigurationError, match=r"data folder .*file/data cannot be used: .*data_dir"):
         asyncio.run(scenario())
-
-
-@pytest.fixture
-def small_disk(tmp_path):
-    """A folder on a file system of 2 MiB."""
-    folder = tmp_path / "disk"
-    folder.mkdir()
-    mounted = subprocess.run(
-        ["mount", "-t", "tmpfs", "-o", "size=2m", "tmpfs", folder], capture_output=True, check=False
-    )
-    if mounted.returncode:
-        pytest.skip("only root can mount a small disk")
-    yield folder
-    subprocess.run(["umount", "--lazy", folder], check=True)
 
 
 def fill(file):

@@ -41,11 +41,11 @@ class SweepTimes:
     gflop_s: float | None
     """At `OPERATIONS` per pixel and iteration."""
     of_multiply_add: float | None
-    """Share of the ceiling with as many threads."""
+    """Share of the ceiling with as many threads; None where a GPU computed."""
     gb_s: float | None
     """At `PLANE_BYTES` per pixel and iteration."""
     of_triad: float | None
-    """Share of the ceiling with as many threads; over 1 the planes stayed in the caches."""
+    """Likewise; over 1 the planes stayed in the caches."""
     speedup: float | None
     """Of an iteration over one thread; None where one thread was not measured."""
 
@@ -79,6 +79,7 @@ def _sweep_times(setup: Setup, times: Mapping[SweepKey, Spread], ceiling: Ceilin
     alone_ms = _iteration_ms(setup._replace(threads=1), times)
     per_ms = None if iteration_ms is None else 1e-6 * pixels / iteration_ms
     gflop_s, gb_s = _times(OPERATIONS, per_ms), _times(PLANE_BYTES, per_ms)
+    on_cpu = setup.backend != "cuda"
     before_ms = None if iteration_ms is None else max(few.median - FEW * iteration_ms, 0.0)
     return SweepTimes(
         backend=setup.backend,
@@ -90,9 +91,9 @@ def _sweep_times(setup: Setup, times: Mapping[SweepKey, Spread], ceiling: Ceilin
         before_ms=before_ms,
         before_ns_per_pixel=_times(1e6 / pixels, before_ms),
         gflop_s=gflop_s,
-        of_multiply_add=_times(1 / ceiling.multiply_add_gflop_s, gflop_s),
+        of_multiply_add=_times(1 / ceiling.multiply_add_gflop_s, gflop_s) if on_cpu else None,
         gb_s=gb_s,
-        of_triad=_times(1 / ceiling.triad_gb_s, gb_s),
+        of_triad=_times(1 / ceiling.triad_gb_s, gb_s) if on_cpu else None,
         speedup=_times(alone_ms, None if iteration_ms is None else 1 / iteration_ms),
     )
 
