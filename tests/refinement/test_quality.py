@@ -105,3 +105,10 @@ def test_a_vertical_offset_is_noticed(phantom):
 @pytest.mark.parametrize("factor", [0.25, 4])
 def test_a_wrong_scale_is_noticed(phantom, factor):
     assert "scale-suspect" in warnings_for(phantom.pair.left, phantom.pair.right, phantom.truth * factor)
+
+
+@pytest.mark.parametrize("part", [np.s_[:40], np.s_[-40:], np.s_[100:150]])
+def test_a_wrong_scale_is_noticed_wherever_the_disparity_is_known(phantom, part):
+    known = np.zeros_like(phantom.truth)
+    known[part] = phantom.truth[part] / 4
+    assert "scale-suspect" in warnings_for(phantom.pair.left, phantom.pair.right, known)
