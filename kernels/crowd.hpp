@@ -1,8 +1,6 @@
 // Notices when other processes take the cores of a team whose members wait for each other.
 #pragma once
 
-#include <time.h>
-
 #include <chrono>
 #include <vector>
 

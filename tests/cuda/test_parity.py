@@ -6,7 +6,20 @@ import device_work
 import numpy as np
 import pytest
 from fakecuda import run
-from problems import NATIVE, PARTS, PRESETS, REFERENCE, bars, case_of, problem_of, solved, upload_of
+from problems import (
+    NATIVE,
+    ONE_WARP_PX,
+    PARTS,
+    PRESETS,
+    REFERENCE,
+    bars,
+    case_of,
+    near,
+    out_of_the_image,
+    problem_of,
+    solved,
+    upload_of,
+)
 
 from stereomend.refinement import refine
 from stereomend.refinement.pyramid import level_sizes
@@ -15,14 +28,6 @@ pytestmark = pytest.mark.usefixtures("emulated")
 
 ORDERS = ["forward", "reverse", "shuffled:7"]
 SIZES = [(64, 48), (61, 47), (33, 1), (128, 96)]
-ONE_WARP_PX = 2e-4
-
-
-def near(found, expected):
-    """The bar for whole runs: within 0.01 px on 99.7 % of the pixels."""
-    assert found.shape == expected.shape
-    assert found.dtype == np.float32
-    return np.mean(np.abs(found - expected) <= 0.01) >= 0.997
 
 
 @cache
@@ -89,10 +94,7 @@ def test_however_iterations_are_cut_into_launches_they_are_the_same(iterations):
 
 @pytest.mark.parametrize("part", ["plain", "averaging", "all"])
 def test_disparities_out_of_the_image_match_the_reference(part):
-    state, params, weight, guide = case_of(part, (20, 75))
-    state[2][::2] *= -9
-    state[2][1::4] += 1e5
-    case = state, params, weight, guide
+    case = out_of_the_image(part)
     found = run(device_work.solve, cases=[case])[0]
     assert np.allclose(found, solved(REFERENCE, case), rtol=5e-6, atol=ONE_WARP_PX)
 

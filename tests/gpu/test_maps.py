@@ -4,20 +4,22 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from problems import NATIVE, PARTS, PRESETS, REFERENCE, bars, case_of, problem_of, solved, upload_of
+from problems import (
+    NATIVE,
+    ONE_WARP_PX,
+    PARTS,
+    PRESETS,
+    REFERENCE,
+    bars,
+    case_of,
+    near,
+    out_of_the_image,
+    problem_of,
+    solved,
+    upload_of,
+)
 
 from stereomend.refinement import refine
-
-ONE_WARP_PX = 2e-4
-
-
-def near(found, expected):
-    """The bar for whole runs: within 0.01 px on 99.7 % of the pixels."""
-    assert found.shape == expected.shape
-    assert found.dtype == np.float32
-    share = np.mean(np.abs(found - expected) <= 0.01)
-    print(f"{share:.5f} within 0.01 px, median difference {np.median(np.abs(found - expected)):.1e} px")
-    return share >= 0.997
 
 
 @pytest.mark.parametrize("preset", PRESETS)
@@ -43,10 +45,7 @@ def test_however_iterations_are_cut_into_launches_they_are_the_same(gpu, size, i
 
 
 def test_disparities_out_of_the_image_match_the_reference(gpu):
-    state, params, weight, guide = case_of("all", (20, 75))
-    state[2][::2] *= -9
-    state[2][1::4] += 1e5
-    case = state, params, weight, guide
+    case = out_of_the_image("all")
     assert np.allclose(solved(gpu, case), solved(REFERENCE, case), rtol=5e-6, atol=ONE_WARP_PX)
 
 
