@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from time import perf_counter
 from typing import Any
 from uuid import uuid4
@@ -72,6 +72,12 @@ def method_of(scope: Scope) -> str:
     return scope["method"] if scope["method"] in _METHODS else "-"
 
 
+def log_access(fields: Mapping[str, Any], more: Mapping[str, str]) -> None:
+    """Write the line of one access; `more` is for logs that are read by programs."""
+    text = "{method} {route} {status} {ms} ms {request_id} key {key} job {job}".format(**fields)
+    log.info("%s", text, extra={"fields": {**fields, **more}})
+
+
 class _Exchange:
     def __init__(self, scope: Scope, send: Send, route: str) -> None:
         self.scope = scope
@@ -106,8 +112,7 @@ class _Exchange:
             "request_id": self.request_id,
             "job": self._job or "-",
         }
-        text = "{method} {route} {status} {ms} ms {request_id} key {key} job {job}".format(**fields)
-        log.info("%s", text, extra={"fields": fields | self._more()})
+        log_access(fields, self._more())
         meters.count_request((fields["method"], fields["route"], fields["status"]), seconds)
         if "problem" in self._state:
             meters.count_refusal(self._state["problem"])

@@ -1,0 +1,96 @@
+"""What is no request, or does not end: answered with a problem document, and the connection ended."""
+
+import socket
+from itertools import count, islice
+
+import httpx
+import pytest
+
+from stereomend.api.protocol import LONGEST_HEAD
+
+GET = b"GET /livez HTTP/1.1\r\nHost: localhost\r\n"
+POST = b"POST /v1/refine HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n"
+PIECE = b"x" * 1000
+
+
+def endless(begin, piece):
+    yield begin
+    for number in count():
+        yield piece(number)
+
+
+def headers(number):
+    return b"X-%d: %s\r\n" % (number, PIECE)
+
+
+def one_piece(number):
+    return PIECE
+
+
+ENDLESS = {
+    "url": (b"GET /", one_piece),
+    "method": (b"", one_piece),
+    "headers": (GET, headers),
+    "header": (GET + b"X: ", one_piece),
+    "name of a header": (GET, one_piece),
+    "trailers": (POST + b"\r\n1\r\nx\r\n0\r\n", headers),
+    "trailer": (POST + b"\r\n1\r\nx\r\n0\r\nX: ", one_piece),
+    "extension of a chunk": (POST + b"\r\n1;x=", one_piece),
+}
+
+
+def connection_to(server):
+    host, port = server.url.removeprefix("http://").split(":")
+    return socket.create_connection((host, int(port)), timeout=10)
+
+
+def send_all(connection, pieces):
+    for piece in pieces:
+        connection.sendall(piece)
+
+
+@pytest.mark.parametrize("what", ENDLESS)
+def test_what_does_not_end_is_ended(server, what):
+    pieces = islice(endless(*ENDLESS[what]), 64_000)  # 64 MB, more than sockets hold
+    with connection_to(server) as connection, pytest.raises(ConnectionError):
+        send_all(connection, pieces)
+    assert httpx.get(f"{server.url}/livez").status_code == 200
+
+
+def test_headers_up_to_the_bound_are_read(server):
+    response = httpx.get(f"{server.url}/livez", headers={"X": "x" * (LONGEST_HEAD - 1000)})
+    assert response.status_code == 200
+
+
+def answer_to(server, request):
+    """What comes back for bytes, as httpx reads it."""
+    with connection_to(server) as connection:
+        connection.sendall(request)
+        head, body = connection.makefile("rb").read().split(b"\r\n\r\n")
+    status, *lines = head.decode().split("\r\n")
+    assert status == "HTTP/1.1 400 Bad Request"
+    return httpx.Response(400, headers=[line.split(": ", 1) for line in lines], content=body)
+
+
+def test_a_longer_head_is_a_bad_request(server, is_problem):
+    answer = answer_to(server, GET + b"X: " + b"x" * LONGEST_HEAD)
+    assert str(LONGEST_HEAD) in is_problem(answer, 400, "malformed-request")["detail"]
+
+
+@pytest.mark.parametrize(
+    "request_",
+    [b"nonsense\r\n\r\n", b"SMITH /livez HTTP/1.1\r\nHost: localhost\r\n\r\n", GET + b"X y: z\r\n\r\n"],
+)
+def test_what_is_no_request_gets_a_problem_document(server, is_problem, request_):
+    answer = answer_to(server, request_)
+    is_problem(answer, 400, "malformed-request")
+    assert answer.headers["Cache-Control"] == "no-store"
+    assert answer.headers["Connection"] == "close"
+    assert "Date" in answer.headers
+
+
+def test_the_bound_is_of_one_request_not_of_a_connection(server):
+    with httpx.Client() as client:
+        for _ in range(5):
+            response = client.get(f"{server.url}/livez", headers={"X": "x" * (LONGEST_HEAD // 2)})
+            assert response.status_code == 200
