@@ -39,10 +39,12 @@ struct Steps {
     const bool* soft;
 };
 
-// A run of a patch in one row, as part of a forest: its parent, and of a root the number of pixels below it.
+// A run of a patch in one row, as part of a forest: its parent, and of a root the number of pixels below it and the
+// sides of the picture that these touch, one bit each.
 struct Run {
     int parent;
     int pixels;
+    int sides;
 };
 
 // Patches of a map. A row of flags takes words_of(width) words, with 0 after its end; the runs of row y begin at

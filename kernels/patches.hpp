@@ -95,6 +95,7 @@ void unite(Run* runs, int a, int b) {
     const int other = a < b ? b : a;
     runs[other].parent = root;
     runs[root].pixels += runs[other].pixels;
+    runs[root].sides |= runs[other].sides;
 }
 
 // Counts the starts of runs of a row.
@@ -134,18 +135,22 @@ void label(const Steps& in, const Patches& patches, Rows rows, uint8_t* scratch)
     const int width = in.size.width;
     for (int y = rows.begin; y < rows.end; ++y) {
         flag_row(in, patches, y, scratch);
+        const int sides = (y == 0 ? 1 : 0) | (y == in.size.height - 1 ? 2 : 0);
         each_run(patches, width, y, [&](int number, int begin, int end) {
             const int run = y * width + number;
-            patches.runs[run] = {run, end - begin};
+            patches.runs[run] = {run, end - begin, sides | (begin == 0 ? 4 : 0) | (end == width ? 8 : 0)};
         });
         if (y > rows.begin) join(patches, width, y);
     }
 }
 
+// Pixels of a patch; what the frame cuts off counts as if the picture were mirrored there.
+long pixels_of_patch(const Run& root) { return static_cast<long>(root.pixels) << ones(root.sides); }
+
 void flag_small(const Patches& patches, int width, int y, int largest, bool* flags) {
     each_run(patches, width, y, [&](int number, int begin, int end) {
         const int root = root_of(patches.runs, y * width + number);
-        if (patches.runs[root].pixels <= largest) memset(flags + begin, 1, end - begin);
+        if (pixels_of_patch(patches.runs[root]) <= largest) memset(flags + begin, 1, end - begin);
     });
 }
 

@@ -36,21 +36,26 @@ def scene(phantom, backend):
 
 
 def patches(u, valid, step):
-    """Flood fill: from pixel to neighbouring pixel as long as u changes by at most `step`."""
-    label, sizes = np.full(u.shape, -1), []
+    """Flood fill: from pixel to neighbouring pixel as long as u changes by at most `step`.
+
+    A size doubles with each side of the picture that the patch touches.
+    """
+    (height, width), label, sizes = u.shape, np.full(u.shape, -1), []
     for start in map(tuple, np.argwhere(valid)):
         if label[start] >= 0:
             continue
-        label[start], open_ends, size = len(sizes), [start], 0
+        label[start], open_ends, size, sides = len(sizes), [start], 0, set()
         while open_ends:
             y, x = open_ends.pop()
             size += 1
+            sides |= {name for name, at in (("top", y), ("left", x)) if at == 0}
+            sides |= {name for name, at in (("bottom", y - height), ("right", x - width)) if at == -1}
             for there in ((y + 1, x), (y - 1, x), (y, x + 1), (y, x - 1)):
                 inside = 0 <= there[0] < u.shape[0] and 0 <= there[1] < u.shape[1]
                 if inside and valid[there] and label[there] < 0 and abs(u[there] - u[y, x]) <= step:
                     label[there] = label[start]
                     open_ends.append(there)
-        sizes.append(size)
+        sizes.append(size * 2 ** len(sides))
     return label, np.array(sizes)
 
 
@@ -71,6 +76,25 @@ def test_one_wrong_pixel_is_a_speckle_and_a_large_patch_is_none(backend):
     u[10, 10], u[20:30, 20:30] = 15, 12
     found = backend.speckles(u, u > 0, SpeckleRule.of(0.001, u))
     assert np.argwhere(found).tolist() == [[10, 10]]
+
+
+@pytest.mark.parametrize(
+    ("part", "times"),
+    [
+        (np.s_[7:11, 9:12], 1),
+        (np.s_[:4, 9:12], 2),
+        (np.s_[36:, 9:12], 2),
+        (np.s_[7:11, :3], 2),
+        (np.s_[7:11, 47:], 2),
+        (np.s_[:4, 47:], 4),
+        (np.s_[36:, :3], 4),
+    ],
+)
+def test_what_the_frame_cuts_off_counts_as_if_mirrored_there(backend, part, times):
+    u = np.full((40, 50), 7.0, np.float32)
+    u[part] = 15
+    for largest, found in ((12 * times - 1, 0), (12 * times, 12)):
+        assert np.count_nonzero(backend.speckles(u, u > 0, SpeckleRule(largest))) == found
 
 
 def test_edge_weights_follow_the_largest_channel(backend):

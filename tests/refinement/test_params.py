@@ -76,7 +76,7 @@ def test_every_preset_is_within_its_own_ranges(preset):
         ({"presets": "paper"}, "presets: unknown"),
         ({"gdr": {"warp": 3}}, "gdr.warp: unknown"),
         ({"gdr": {"warps": 0}}, "gdr.warps.*got 0"),
-        ({"gdr": {"tau": 1.0}}, "8 \\* tau \\* sigma <= 1, got 4"),
+        ({"gdr": {"tau": 1.0, "sigma": 0.5}}, "8 \\* tau \\* sigma <= 1, got 4"),
         ({"gdr": 5}, "gdr: got 5"),
         ({"ldr": {"window": 4}}, "odd number, got 4"),
         ({"ldr": {"min_confidence": float("nan")}}, "ldr.min_confidence"),

@@ -96,7 +96,7 @@ def submission(inputs: Inputs, key: str | None) -> Request:
     """Submit a job; it has a key, so that it can be sent twice."""
     request = refinement(inputs)
     headers = {"Accept": "application/json", "Idempotency-Key": key or uuid4().hex}
-    return request | {"url": JOBS, "headers": headers}
+    return request | {"url": JOBS, "headers": request["headers"] | headers}
 
 
 def look(job_id: str) -> Request:

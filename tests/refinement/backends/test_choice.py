@@ -128,8 +128,8 @@ class Loops(NamedTuple):
         return found
 
     def patch_sizes(self, straight):
-        """By filling."""
-        sizes = np.zeros(straight.shape, int)
+        """By filling; doubled for each side of the picture that a patch touches."""
+        sizes, last = np.zeros(straight.shape, int), np.subtract(straight.shape, 1)
         left = {(int(y), int(x)) for y, x in np.argwhere(self.rivals.valid)}
         while left:
             patch = [left.pop()]
@@ -138,7 +138,9 @@ class Loops(NamedTuple):
                 found = [there for there in around if self.leads_on(straight, (y, x), there)]
                 left.difference_update(found)
                 patch += found
-            sizes[tuple(np.transpose(patch))] = len(patch)
+            places = np.array(patch)
+            sides = np.count_nonzero((places == 0).any(0)) + np.count_nonzero((places == last).any(0))
+            sizes[tuple(places.T)] = len(patch) * 2**sides
         return sizes
 
     def share(self):

@@ -195,7 +195,7 @@ def test_no_bridge_leads_over_what_a_map_shows_or_to_a_small_patch(backend, map_
     facts |= {"u_shown": seen, "upload_shown": seen}
     free = RULE._replace(rough_share=1)
     assert backend.choose(*told(**facts), free).all()
-    assert (backend.choose(*told(**facts), free._replace(largest_patch=20 * SIZE[0])) == (X >= 25)).all()
+    assert (backend.choose(*told(**facts), free._replace(largest_patch=8 * 20 * SIZE[0])) == (X >= 25)).all()
     facts[map_shown] = seen | (X == 22)
     assert (backend.choose(*told(**facts), free) == seen).all()
 
@@ -373,13 +373,15 @@ def test_where_u_is_not_shown_the_share_is_what_is_reached(backend):
 
 @EVERY_BACKEND
 def test_small_patches_are_dropped_however_well_they_compare(backend):
-    """Of up to so many pixels, cut out by steps of 1 px; both maps agree on them."""
+    """Of up to so many pixels, cut out by steps of 1 px; both maps agree on them. Corners count 4 times."""
     upload = np.full(SIZE, 5.0)
     upload[4:7, 8:12] = upload[12:15, 8:13] = upload[20:, 44:] = 6
     for largest, dropped in (
         (11, []),
         (12, [np.s_[4:7, 8:12]]),
         (15, [np.s_[4:7, 8:12], np.s_[12:15, 8:13]]),
+        (63, [np.s_[4:7, 8:12], np.s_[12:15, 8:13]]),
+        (64, [np.s_[4:7, 8:12], np.s_[12:15, 8:13], np.s_[20:, 44:]]),
     ):
         expected = np.ones(SIZE)
         for part in dropped:
@@ -391,7 +393,7 @@ def test_small_patches_are_dropped_however_well_they_compare(backend):
 @EVERY_BACKEND
 def test_a_steep_slope_is_one_patch_and_stairs_are_many(backend):
     """Each column differs from the next by over the step; a colour edge joins nothing."""
-    column = RULE._replace(largest_patch=SIZE[0])
+    column = RULE._replace(largest_patch=8 * SIZE[0])  # as the frame cuts off the outermost on three sides
     for upload, share in ((1 + 0.9 * (X - 4).clip(0), 1), (50 + 2 * X, 0), (5 + 3 * (X % 2), 0)):
         for edge in (1, 0.1):
             facts = told(upload=upload, u=upload, edge=edge)

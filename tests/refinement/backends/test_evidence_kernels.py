@@ -147,8 +147,9 @@ def test_nothing_is_trusted_where_nothing_is_usable(backend):
 
 
 def labelled(u, valid, step):
-    """Size of each pixel's patch by filling, (H, W); 0 for what is not valid."""
-    sizes, left = np.zeros(u.shape, int), {(int(y), int(x)) for y, x in np.argwhere(valid)}
+    """Size of each pixel's patch by filling, (H, W), doubled for each side it touches; 0 for not valid."""
+    sizes, last = np.zeros(u.shape, int), np.subtract(u.shape, 1)
+    left = {(int(y), int(x)) for y, x in np.argwhere(valid)}
     while left:
         ends = [left.pop()]
         patch = list(ends)
@@ -159,7 +160,9 @@ def labelled(u, valid, step):
             left.difference_update(found)
             ends += found
             patch += found
-        sizes[tuple(np.transpose(patch))] = len(patch)
+        places = np.array(patch)
+        sides = np.count_nonzero((places == 0).any(0)) + np.count_nonzero((places == last).any(0))
+        sizes[tuple(places.T)] = len(patch) * 2**sides
     return sizes
 
 
@@ -193,8 +196,9 @@ def test_one_long_winding_patch_is_one(backend, turned):
     u = np.ascontiguousarray(u.T if turned else u)
     valid = np.ones(u.shape, bool)
     path = u == 0
-    assert not (backend.speckles(u, valid, SpeckleRule(int(path.sum()) - 1)) & path).any()
-    assert (backend.speckles(u, valid, SpeckleRule(int(path.sum()))) & path)[path].all()
+    size = 16 * int(path.sum())  # it touches all four sides
+    assert not (backend.speckles(u, valid, SpeckleRule(size - 1)) & path).any()
+    assert (backend.speckles(u, valid, SpeckleRule(size)) & path)[path].all()
 
 
 @EVERY_BACKEND
@@ -202,7 +206,7 @@ def test_a_step_counts_as_it_is_and_not_rounded(backend):
     step = np.float32(1 + 2**-10)
     u = np.array([[1, 2, 3, 3 + step, 4 + step]], np.float32)
     valid = np.ones(u.shape, bool)
-    assert backend.speckles(u, valid, SpeckleRule(2)).tolist() == [[False] * 3 + [True] * 2]
+    assert backend.speckles(u, valid, SpeckleRule(8 * 2)).tolist() == [[False] * 3 + [True] * 2]
 
 
 @pytest.mark.parametrize("count", [1, 2, 3])

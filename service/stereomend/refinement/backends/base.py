@@ -151,7 +151,8 @@ class Backend(Protocol):
         """Valid pixels, (H, W), of patches of at most `rule.largest` pixels.
 
         A patch goes on from a pixel to the next in its row or column as long as `u` changes by at most
-        `rule.step`.
+        `rule.step`. Of a patch at the frame only a part is seen: it counts as if the picture were mirrored
+        there, twice for each side that it touches.
         """
         ...
 

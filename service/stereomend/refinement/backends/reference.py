@@ -202,7 +202,7 @@ class ReferenceBackend:
     def speckles(self, u: Plane, valid: Mask, rule: SpeckleRule) -> Mask:
         """See `Backend.speckles`."""
         label = parts.patches(self.plane(u), valid, rule.step)
-        small: Mask = valid & (np.bincount(label.ravel())[label] <= rule.largest)
+        small: Mask = valid & (parts.patch_sizes(label) <= rule.largest)
         return small
 
     def edge_weights(self, channels: Sequence[Plane], params: GdrParams) -> Plane:

@@ -80,6 +80,15 @@ def patches(u: Array, valid: Mask, step: float, soft: Mask | None = None) -> npt
         label = found
 
 
+def patch_sizes(label: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
+    """Of each pixel's patch, (H, W) [px]; what the frame cuts off counts as if mirrored there."""
+    sizes = np.bincount(label.ravel())
+    for side in (label[0], label[-1], label[:, 0], label[:, -1]):
+        sizes[np.unique(side)] *= 2
+    found: npt.NDArray[np.intp] = sizes[label]
+    return found
+
+
 def _joined(u: Array, valid: Mask, soft: Mask, step: float, axis: int) -> Mask:
     u, valid, soft = np.moveaxis(u, axis, 0), np.moveaxis(valid, axis, 0), np.moveaxis(soft, axis, 0)
     joined: Mask = (np.abs(np.diff(u, axis=0)) <= step) | soft[1:] | soft[:-1]

@@ -19,7 +19,13 @@ from stereomend.refinement.backends.data import (
     Polls,
     Rivals,
 )
-from stereomend.refinement.backends.reference_evidence import mean_5x5, patches, range_around, sample
+from stereomend.refinement.backends.reference_evidence import (
+    mean_5x5,
+    patch_sizes,
+    patches,
+    range_around,
+    sample,
+)
 from stereomend.refinement.backends.reference_search import Land, bridges, walk_all_ways, walk_until_done
 
 Array = npt.NDArray[np.float64]
@@ -82,7 +88,7 @@ def choose(rivals: Rivals, grounds: Grounds, rule: ChoiceRule) -> Array:
     settled, even = _settle(rivals, grounds, rule), straight(upload, rule.step)
     soft = even | (grounds.edge < rule.soft_edge)
     label = patches(upload, rivals.valid, rule.step, even)
-    kept = rivals.valid & (np.bincount(label.ravel())[label] > rule.largest_patch)
+    kept = rivals.valid & (patch_sizes(label) > rule.largest_patch)
     land = Land(settled.seeds, settled.passing, soft, upload)
     hidden = settled.passing & ~(rivals.u_shown | rivals.upload_shown)
     land = land._replace(reached=walk_all_ways(land, rule.step), passing=hidden)
