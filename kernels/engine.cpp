@@ -241,11 +241,13 @@ std::vector<Mismatch> Engine::mismatch(Size size, const float* left, const std::
         float* described = scratch_.data() + floats * member;
         float* own = described + descriptors_of_rows(size.width, kPiece) + 3 * (size.width + 2);
         bool* seen = reinterpret_cast<bool*>(seen_.data()) + static_cast<size_t>(kPiece) * size.width * member;
-        sweeps_.describe({size.width, size.height, left, nullptr, nullptr}, rows, described);
+        bool known = false;
         for (size_t k = begin; k < std::min(begin + kTogether, readings.size()); ++k) {
             const size_t first = k * height + rows.begin;
             if (see(size.width, readings[k], rows, seen, counts_.data() + first) == 0) continue;
-            const Level level{size.width, size.height, left, readings[k].right, nullptr};
+            const Level level{size.width, size.height, left, readings[k].right};
+            if (!known) sweeps_.describe(level, rows, described);
+            known = true;
             sweeps_.distance(level, readings[k].u, described, seen, rows, own, sums_.data() + first);
         }
     });

@@ -13,10 +13,10 @@ struct Level {
     int height;
     const float* left;
     const float* right;   // (height, width + 2): each row with its ends repeated
-    const float* weight;  // of the data term, 0 to 1; null for 1 everywhere
-    const float* edge;    // of the Huber norm, over 0 to 1; null for 1 everywhere
-    const float* prior;   // [px]; null for none
-    const float* trust;   // weight of |u - prior| [1]; null exactly if prior is
+    const float* weight = nullptr;  // of the data term, 0 to 1; null for 1 everywhere
+    const float* edge = nullptr;    // of the Huber norm, over 0 to 1; null for 1 everywhere
+    const float* prior = nullptr;   // [px]; null for none
+    const float* trust = nullptr;   // weight of |u - prior| [1]; null exactly if prior is
 };
 
 // Half of a symmetric window that sums to 1: taps[0] is the centre. The data term is averaged over it.

@@ -4,8 +4,8 @@ import pytest
 from stereomend.disparity import Provenance
 from stereomend.phantom import make_phantom
 from stereomend.refinement import refine, select_backend
-from stereomend.refinement.backends import Origins, Sparse
-from stereomend.refinement.quality import shares_of
+from stereomend.refinement.backends import Origins, Reading, Sparse
+from stereomend.refinement.quality import halved, residuals, shares_of
 
 
 def brute_force_unobserved(disparity):
@@ -45,6 +45,26 @@ def test_the_highest_provenance_that_applies_is_stored(backend):
     assert found.tolist() == [[unseen, kept, refined, filled, filled]]
     assert counts == [1, 1, 2, 1]
     assert shares_of(counts) == {"kept": 0.2, "refined": 0.2, "filled": 0.4, "unobserved": 0.2}
+
+
+def test_half_of_the_rows_tell_the_residual_of_all(backend):
+    phantom = make_phantom(5, 320, 256)
+    left, right = (backend.grey(image, image.shape[:2]) for image in (phantom.pair.left, phantom.pair.right))
+    true = Sparse(backend.plane(phantom.truth), np.ones(phantom.truth.shape, bool))
+    off = true._replace(u=backend.plane(phantom.truth + 0.5))
+    whole, half = (
+        residuals(left, [Reading(right, *of(sparse)) for sparse in (true, off)], backend)
+        for of in (lambda sparse: sparse, halved)
+    )
+    assert half == pytest.approx(whole, rel=0.03)
+    assert half[0] < 0.8 * half[1]
+
+
+@pytest.mark.parametrize(("height", "rows"), [(1, 1), (8, 8), (9, 8), (16, 8), (17, 9), (100, 52)])
+def test_of_every_two_bands_of_eight_rows_the_first_is_left(height, rows):
+    valid = halved(Sparse(np.ones((height, 3)), np.ones((height, 3), bool))).valid
+    assert np.flatnonzero(valid.all(1)).tolist() == [y for y in range(height) if y % 16 < 8]
+    assert valid.sum() == 3 * rows
 
 
 def brute_force_kinds(u, origins):
