@@ -375,7 +375,7 @@ async def _every(seconds: float, chore: Callable[[], Awaitable[object]]) -> None
         except Unavailable as error:
             log.warning("the data folder is not looked after: %s", error)
         except Exception:
-            log.exception("the data folder is not looked after")
+            log.exception("a chore of the server failed")
 
 
 async def _wait(event: asyncio.Event, seconds: float) -> None:
