@@ -133,7 +133,7 @@ def _mended(
 ) -> tuple[Mended, Image]:
     (backend, max_pixels), began = means, perf_counter()
     pair, upload = _begin_decode(files, params.disparity_scale, max_pixels)
-    prepared = prepare(pair, params, backend)
+    prepared = prepare(pair, params, backend.alone if upload else backend)
     disparity = upload.result() if upload else None
     decode = 1e3 * (perf_counter() - began) - prepared.took_ms
     mended = mend(prepared, disparity, params, backend, watch)

@@ -81,16 +81,21 @@ def finish(trace: Trace, params: RefineParams, backend: Backend, timings: dict[s
 def describe(
     mended: Mended, params: RefineParams, backend: Backend, confidences: bool = True
 ) -> RefinementResult:
-    """All that is told about a map; without `confidences`, which few answers hold, these are NaN."""
+    """All that is told about a map.
+
+    Without `confidences`, which few answers hold, these are NaN, and the map may be written meanwhile: until
+    that is done, one core is left to it.
+    """
     began = perf_counter()
     disparity, trace, origins, timings = mended
     pair, valid, outcome = trace.pair, origins.initial.valid, trace.outcome
     refined = Sparse(outcome, trace.scene.shown(outcome > 0))
     planes = _confidences(trace, refined, params, backend) if confidences else _not_asked_for(pair.shape)
-    provenance, counts = backend.tell(disparity, origins)
+    first = backend if confidences else backend.alone
+    provenance, counts = first.tell(disparity, origins)
     shares = {"valid_in": np.count_nonzero(valid) / valid.size} | shares_of(counts)
-    # Last, for it takes all cores, and one may still be writing the map.
-    quality = _quality(trace, refined, params, backend)
+    warnings = list(_warnings(trace, refined, params, first))
+    quality = _quality(trace, refined, params, backend) | {"warnings": warnings}
     result = RefinementResult(
         disparity=disparity,
         confidence=planes[0],
@@ -175,12 +180,7 @@ def _quality(trace: Trace, refined: Sparse, params: RefineParams, backend: Backe
     levels = len(level_sizes(trace.scene.size, params.gdr.levels)) if "gdr" in params.stages else 0
     readings = [Reading(trace.scene.right, *halved(sparse)) for sparse in (trace.start.working, refined)]
     before, after = residuals(trace.scene.left, readings, backend)
-    return {
-        "levels": levels,
-        "residual_before": before,
-        "residual_after": after,
-        "warnings": list(_warnings(trace, refined, params, backend)),
-    }
+    return {"levels": levels, "residual_before": before, "residual_after": after}
 
 
 def _warnings(trace: Trace, refined: Sparse, params: RefineParams, backend: Backend) -> Iterator[str]:

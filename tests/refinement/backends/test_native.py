@@ -257,3 +257,10 @@ def test_the_sweeps_share_no_function_by_name(name, tmp_path):
     shared = [line.split()[-1] for line in symbols if line.split()[-2] in "WVTuDBR"]
     assert len(shared) == 1
     assert shared[0].endswith("_generic")
+
+
+def test_alone_is_the_same_on_one_thread(native):
+    assert native.alone is native.alone
+    assert (native.alone.name, native.alone.kernel) == (native.name, native.kernel)
+    plane = native.plane(np.random.default_rng(3).uniform(0, 255, (70, 90)))
+    assert (native.alone.shrink(plane, (35, 45)) == native.shrink(plane, (35, 45))).all()

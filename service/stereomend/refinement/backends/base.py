@@ -47,6 +47,11 @@ class Backend(Protocol):
     kernel: str
     """A hash of the kernels' sources."""
 
+    @property
+    def alone(self) -> Backend:
+        """The same on the calling thread alone: for while the other cores are busy with something else."""
+        ...
+
     def plane(self, array: npt.NDArray[Any]) -> Plane:
         """Bring an array to the backend's precision; the caller's own is never changed later."""
         ...

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -53,6 +54,11 @@ class NativeBackend:
     def __init__(self, threads: int, reason: str, engine: _native.Engine | None = None) -> None:
         self._engine = engine or _native.Engine(threads)
         self.reason = reason
+
+    @cached_property
+    def alone(self) -> NativeBackend:
+        """See `Backend.alone`."""
+        return NativeBackend(1, self.reason)
 
     def plane(self, array: npt.NDArray[Any]) -> FloatMap:
         """See `Backend.plane`."""

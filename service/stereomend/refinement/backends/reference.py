@@ -76,6 +76,11 @@ class ReferenceBackend:
     def __init__(self, reason: str) -> None:
         self.reason = reason
 
+    @property
+    def alone(self) -> ReferenceBackend:
+        """See `Backend.alone`."""
+        return self
+
     def plane(self, array: npt.NDArray[Any]) -> Array:
         """See `Backend.plane`."""
         return np.array(array, np.float64)
