@@ -229,7 +229,7 @@ class FusionParams(StageParams):
         0.8, gt=0, le=100, description="steps of a smooth surface [px at working size] (R10)"
     )
     soft_edge: float = Field(
-        0.42, ge=0, le=1, description="smoothness weight below which the surface may jump [1] (R10)"
+        0.5, ge=0, le=1, description="smoothness weight below which the surface may jump [1] (R10)"
     )
     patch_share: float = Field(
         0.003,
