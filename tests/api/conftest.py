@@ -1,6 +1,7 @@
 """Requests as a client in any language would send them."""
 
 import json
+import socket
 import threading
 
 import httpx
@@ -28,6 +29,17 @@ def post(scene):
         return httpx.post(server.url + path, files=files, headers=headers, timeout=timeout)
 
     return send
+
+
+@pytest.fixture
+def connect():
+    """Open a bare connection to a server, for bytes that no client would send."""
+
+    def open_one(server):
+        host, port = server.url.removeprefix("http://").split(":")
+        return socket.create_connection((host, int(port)), timeout=10)
+
+    return open_one
 
 
 @pytest.fixture

@@ -1,6 +1,5 @@
 """What is no request, or does not end: answered with a problem document, and the connection ended."""
 
-import socket
 from itertools import count, islice
 
 import httpx
@@ -39,20 +38,15 @@ ENDLESS = {
 }
 
 
-def connection_to(server):
-    host, port = server.url.removeprefix("http://").split(":")
-    return socket.create_connection((host, int(port)), timeout=10)
-
-
 def send_all(connection, pieces):
     for piece in pieces:
         connection.sendall(piece)
 
 
 @pytest.mark.parametrize("what", ENDLESS)
-def test_what_does_not_end_is_ended(server, what):
+def test_what_does_not_end_is_ended(server, connect, what):
     pieces = islice(endless(*ENDLESS[what]), 64_000)  # 64 MB, more than sockets hold
-    with connection_to(server) as connection, pytest.raises(ConnectionError):
+    with connect(server) as connection, pytest.raises(ConnectionError):
         send_all(connection, pieces)
     assert httpx.get(f"{server.url}/livez").status_code == 200
 
@@ -62,18 +56,23 @@ def test_headers_up_to_the_bound_are_read(server):
     assert response.status_code == 200
 
 
-def answer_to(server, request):
+@pytest.fixture
+def answer_to(server, connect):
     """What comes back for bytes, as httpx reads it."""
-    with connection_to(server) as connection:
-        connection.sendall(request)
-        head, body = connection.makefile("rb").read().split(b"\r\n\r\n")
-    status, *lines = head.decode().split("\r\n")
-    assert status == "HTTP/1.1 400 Bad Request"
-    return httpx.Response(400, headers=[line.split(": ", 1) for line in lines], content=body)
+
+    def ask(request):
+        with connect(server) as connection:
+            connection.sendall(request)
+            head, body = connection.makefile("rb").read().split(b"\r\n\r\n")
+        status, *lines = head.decode().split("\r\n")
+        assert status == "HTTP/1.1 400 Bad Request"
+        return httpx.Response(400, headers=[line.split(": ", 1) for line in lines], content=body)
+
+    return ask
 
 
-def test_a_longer_head_is_a_bad_request(server, is_problem):
-    answer = answer_to(server, GET + b"X: " + b"x" * LONGEST_HEAD)
+def test_a_longer_head_is_a_bad_request(answer_to, is_problem):
+    answer = answer_to(GET + b"X: " + b"x" * LONGEST_HEAD)
     assert str(LONGEST_HEAD) in is_problem(answer, 400, "malformed-request")["detail"]
 
 
@@ -81,8 +80,8 @@ def test_a_longer_head_is_a_bad_request(server, is_problem):
     "request_",
     [b"nonsense\r\n\r\n", b"SMITH /livez HTTP/1.1\r\nHost: localhost\r\n\r\n", GET + b"X y: z\r\n\r\n"],
 )
-def test_what_is_no_request_gets_a_problem_document(server, is_problem, request_):
-    answer = answer_to(server, request_)
+def test_what_is_no_request_gets_a_problem_document(answer_to, is_problem, request_):
+    answer = answer_to(request_)
     is_problem(answer, 400, "malformed-request")
     assert answer.headers["Cache-Control"] == "no-store"
     assert answer.headers["Connection"] == "close"

@@ -1,6 +1,5 @@
 """Keys of the store and their scopes, at a real server."""
 
-import socket
 import subprocess
 import sys
 import time
@@ -47,11 +46,10 @@ def test_each_scope_opens_its_methods_and_no_others(serving, store, post, is_pro
             is_problem(answer, 403, "forbidden")
 
 
-def test_a_key_without_the_scope_is_refused_before_its_body_is_sent(serving, store):
+def test_a_key_without_the_scope_is_refused_before_its_body_is_sent(serving, store, connect):
     reader = store.add("reader", ["read"])[1]
     with serving() as server:
-        host, port = server.url.removeprefix("http://").split(":")
-        with socket.create_connection((host, int(port)), timeout=10) as connection:
+        with connect(server) as connection:
             connection.sendall(
                 b"POST /v1/refine HTTP/1.1\r\nHost: localhost\r\nContent-Length: 1000000\r\n"
                 b"Content-Type: multipart/form-data; boundary=x\r\n"

@@ -1,6 +1,5 @@
 """Every refusal is a problem document with the right status."""
 
-import socket
 import time
 
 import httpx
@@ -13,12 +12,16 @@ ENDLESS = {"gdr": {"warps": 1000, "iterations": 1000, "levels": 1}, "processing_
 HEADERS = "POST /v1/refine HTTP/1.1\r\nHost: localhost\r\nContent-Type: multipart/form-data; boundary=x\r\n"
 
 
-def send_headers(server, headers):
+@pytest.fixture
+def send_headers(connect):
     """Send the headers of a request and none of its body, and give what comes back."""
-    host, port = server.url.removeprefix("http://").split(":")
-    with socket.create_connection((host, int(port)), timeout=10) as connection:
-        connection.sendall((HEADERS + headers + "\r\n\r\n").encode())
-        return connection.recv(1 << 16).decode()
+
+    def send(server, headers):
+        with connect(server) as connection:
+            connection.sendall((HEADERS + headers + "\r\n\r\n").encode())
+            return connection.recv(1 << 16).decode()
+
+    return send
 
 
 def test_an_unknown_part_is_named(server, post, is_problem):
@@ -131,7 +134,7 @@ def test_an_empty_file_is_not_taken_for_none(server, post, is_problem, name):
     assert detail.startswith(f"{name}: the file is empty")
 
 
-def test_a_body_announced_too_large_is_refused_before_it_is_sent(serving, is_problem):
+def test_a_body_announced_too_large_is_refused_before_it_is_sent(serving, is_problem, send_headers):
     with serving(max_upload_mb=1) as server:
         answer = send_headers(server, f"Content-Length: {10**12}")
         assert answer.startswith("HTTP/1.1 413 ")
@@ -153,7 +156,7 @@ def test_a_body_that_grows_too_large_is_refused(serving, post, is_problem):
         assert httpx.get(f"{server.url}/livez").status_code == 200
 
 
-def test_without_a_key_nothing_is_read(serving, post, is_problem):
+def test_without_a_key_nothing_is_read(serving, post, is_problem, send_headers):
     with serving(api_keys="first, second") as server:
         for key in ("", "Bearer ", "Bearer wrong", "Bearer first,", "Basic first", "Bearer f\xefrst"):
             headers = f"Content-Length: {10**12}\r\nAuthorization: {key}"

@@ -5,7 +5,6 @@ import hashlib
 import json
 import re
 import signal
-import socket
 
 import httpx
 import pytest
@@ -112,11 +111,10 @@ def test_each_access_is_one_line_with_what_an_audit_asks_for(serving):
     assert refused["problem"] == "forbidden"
 
 
-def test_every_line_of_a_json_log_is_json(serving, occupy, eventually):
+def test_every_line_of_a_json_log_is_json(serving, occupy, connect, eventually):
     with serving(log_format="json", work_limit_s=8) as server:
         reply = occupy(server)
-        host, port = server.url.removeprefix("http://").split(":")
-        with socket.create_connection((host, int(port)), timeout=10) as connection:
+        with connect(server) as connection:
             connection.sendall(b"\x00nonsense\r\n\r\n")
             connection.recv(1 << 16)
         assert reply().status_code == 503
