@@ -1,11 +1,11 @@
-"""Who waits for a job to change, in this process."""
+"""Waiting for what changes, in this process."""
 
 from __future__ import annotations
 
 import asyncio
 from collections import defaultdict
 from collections.abc import Generator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 
 class Changes:
@@ -35,3 +35,11 @@ class Changes:
             self._watchers[id].discard(event)
             if not self._watchers[id]:
                 del self._watchers[id]
+
+
+async def rung(event: asyncio.Event, seconds: float) -> None:
+    """Wait until an event is set, or the time is over."""
+    # Not `asyncio.wait_for`: before Python 3.12 it drops a cancellation that comes with the event.
+    with suppress(TimeoutError):
+        async with asyncio.timeout(seconds):
+            await event.wait()

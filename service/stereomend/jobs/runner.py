@@ -6,7 +6,6 @@ import asyncio
 import hashlib
 import logging
 from collections.abc import Callable
-from contextlib import suppress
 from time import monotonic
 from typing import Protocol, TypeVar
 
@@ -20,7 +19,7 @@ from stereomend.errors import (
     WorkerCrashed,
 )
 from stereomend.jobs.blobs import unpack
-from stereomend.jobs.changes import Changes
+from stereomend.jobs.changes import Changes, rung
 from stereomend.jobs.killpoints import pass_killpoint
 from stereomend.jobs.pool import WorkerPool
 from stereomend.jobs.records import Claim, Outcome, Progress, inputs_blob, result_blob
@@ -99,14 +98,10 @@ class Runner:
                 await self._pool.welcomes_job.wait()
                 self._bell.clear()
                 if not await self._begin_one():
-                    await self._rung()
+                    await rung(self._bell, POLL_S)
             except Exception:
                 log.exception("no job can be taken from the ledger")
                 await asyncio.sleep(_RETRY_S)
-
-    async def _rung(self) -> None:
-        with suppress(TimeoutError):
-            await asyncio.wait_for(self._bell.wait(), POLL_S)
 
     async def _begin_one(self) -> bool:
         # Shielded, or a claim made while this is cancelled would be nobody's.

@@ -6,7 +6,6 @@ import asyncio
 import logging
 import math
 from collections.abc import Awaitable, Callable, Coroutine, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from typing import Any, NamedTuple, TypeVar
 
@@ -24,7 +23,7 @@ from stereomend.errors import (
     StereomendError,
     Unavailable,
 )
-from stereomend.jobs.changes import Changes
+from stereomend.jobs.changes import Changes, rung
 from stereomend.jobs.killpoints import pass_killpoint
 from stereomend.jobs.ledger import Accepted, Page, Stats
 from stereomend.jobs.listener import Listener
@@ -179,14 +178,14 @@ class JobService:
         """
         loop = asyncio.get_running_loop()
         deadline = loop.time() + timeout_s
-        with self._changes.watching(id) as rung:
+        with self._changes.watching(id) as changed:
             while True:
-                rung.clear()
+                changed.clear()
                 record = await self.get(id, owner)
                 left = deadline - loop.time()
                 if record.version != version or left <= 0 or self._stopping:
                     return record
-                await _wait(rung, left)
+                await rung(changed, left)
 
     async def cancel(self, id: str, owner: str | None) -> JobRecord:
         """Cancel what waits at once, and what runs between two steps of the work.
@@ -376,8 +375,3 @@ async def _every(seconds: float, chore: Callable[[], Awaitable[object]]) -> None
             log.warning("the data folder is not looked after: %s", error)
         except Exception:
             log.exception("a chore of the server failed")
-
-
-async def _wait(event: asyncio.Event, seconds: float) -> None:
-    with suppress(TimeoutError):
-        await asyncio.wait_for(event.wait(), seconds)
