@@ -16,7 +16,7 @@ from stereomend.api.state import Service
 from stereomend.api.tls import tls_context
 from stereomend.errors import ConfigurationError
 from stereomend.jobs.logs import configure_logging
-from stereomend.jobs.memory import UPLOADS, keep_freed_memory
+from stereomend.jobs.memory import keep_freed_memory
 from stereomend.jobs.pool import GRACE_S
 from stereomend.jobs.supervisor import READY
 from stereomend.settings import Settings, load_settings
@@ -32,7 +32,7 @@ def serve_on(listener: socket.socket, lifeline: socket.socket) -> int:
         # Workers inherit the environment.
         os.environ.pop("STEREOMEND_API_KEYS", None)
         configure_logging(settings.log_format)
-        keep_freed_memory(UPLOADS)
+        keep_freed_memory()
         uvloop.run(_serve(settings, listener, lifeline))
     except ConfigurationError as error:
         print(f"stereomend: {error}", file=sys.stderr)

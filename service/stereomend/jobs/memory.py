@@ -6,23 +6,19 @@ import ctypes
 
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD, _M_ARENA_MAX = -1, -3, -8  # of malloc.h
 _KEPT_BYTES = 128 << 20
-PLANES = 32 << 20
-"""Blocks of a process that works on images [bytes]: the same sizes again and again."""
-UPLOADS = 256 << 10
-"""Blocks of a process that passes files on [bytes]: what comes from sockets in one piece."""
+_LARGE_BYTES = 32 << 20
 
 
-def keep_freed_memory(up_to: int) -> None:
-    """Keep up to 128 MiB of freed memory, of blocks below `up_to` bytes, for the next that is asked for.
+def keep_freed_memory() -> None:
+    """Keep up to 128 MiB of freed memory, of blocks up to 32 MiB, for the next that is asked for.
 
-    Planes and pieces of uploads come and go. By default each goes back to the system when it is freed, and
-    its pages are zeroed and mapped again for the next: a third of the time of small images. But where blocks
-    of all sizes come and go, what is kept lies in ever more pieces between what is used. All threads share
-    what is kept; call it before there are any.
+    Planes and uploads of a few megabytes come and go. By default each goes back to the system when it is
+    freed, and its pages are zeroed and mapped again for the next: a third of the time of small images. All
+    threads share what is kept; call it before there are any.
     """
     libc = ctypes.CDLL(None)
     if hasattr(libc, "mallopt"):  # not every libc has it
-        libc.mallopt(_M_MMAP_THRESHOLD, up_to)
+        libc.mallopt(_M_MMAP_THRESHOLD, _LARGE_BYTES)
         libc.mallopt(_M_TRIM_THRESHOLD, _KEPT_BYTES)
         libc.mallopt(_M_ARENA_MAX, 1)
 

@@ -19,7 +19,7 @@ from typing import Any, NoReturn
 from stereomend.errors import DeviceFault, InternalError, StereomendError, WorkLimitExceeded, error_from_slug
 from stereomend.jobs.attendant import Attendant
 from stereomend.jobs.logs import LogFormat, configure_logging
-from stereomend.jobs.memory import PLANES, keep_freed_memory
+from stereomend.jobs.memory import keep_freed_memory
 from stereomend.jobs.records import Progress
 from stereomend.jobs.task import TIMINGS, Answer, Files, Task, perform
 from stereomend.opencv import cv2
@@ -76,7 +76,7 @@ def work(connection: Connection, bell: Connection, plan: WorkerPlan) -> None:
     except StereomendError as error:
         attendant.answer(_problem(error))
         return
-    keep_freed_memory(PLANES)
+    keep_freed_memory()
     _limit(plan.memory_mb << 20)
     attendant.answer({"backend": backend.name, "reason": backend.reason, "kernel": backend.kernel})
     while (task := receive_task(connection)) is not None:
