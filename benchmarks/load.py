@@ -1,6 +1,6 @@
 """What a server under load does, and what it takes itself of an unloaded client's time.
 
-    python benchmarks/load.py                                 # 16 clients for 60 s, then one client alone
+    python benchmarks/load.py                                 # 16 clients for 180 s, then one client alone
     python benchmarks/load.py --seconds 10 --requests 20
 
 Half of the clients ask for refinements and wait, half submit durable jobs and wait for their results. The
@@ -47,7 +47,7 @@ def _arguments() -> argparse.Namespace:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     options.add_argument("--clients", type=int, default=16)
-    options.add_argument("--seconds", type=float, default=60, help="0: only the client alone")
+    options.add_argument("--seconds", type=float, default=180, help="0: only the client alone")
     options.add_argument("--preset", default="robust", help="under load")
     options.add_argument("--requests", type=int, default=60, help="of the client alone, for each case")
     return options.parse_args()

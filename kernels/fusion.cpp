@@ -58,7 +58,7 @@ void choose(const Rivals& rivals, const Grounds& grounds, const ChoiceRule& rule
     const int width = rivals.size.width;
     const Choice choice = choice_of(rivals, out, crew.evidence.buffers);
     const Patches patches = patches_of(rivals.size, crew.evidence.buffers);
-    const Steps steps{rivals.size, rivals.upload, rivals.valid, rule.step, choice.even};
+    const Steps steps{rivals.size, rivals.upload, choice.kept, rule.step, choice.even};
     const Terrain terrain{rivals.size, rivals.upload, choice.passing, choice.soft, rule.step};
     std::vector<long> counts(gang.count);
     // How many pixels there are in all, told to every member.
@@ -79,6 +79,7 @@ void choose(const Rivals& rivals, const Grounds& grounds, const ChoiceRule& rule
             crew.sweeps.settle(rivals, grounds, rule, y, scratch, choice);
             gang.crew.ldr.reach_along(terrain, y, choice.reached);
         }
+        gang.meet();
         gang.crew.sweeps.label(steps, patches, rows, gang.flags(member));
         gang.meet();
         walk_columns(terrain, member, gang, choice.reached);

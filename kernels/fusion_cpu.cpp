@@ -221,7 +221,7 @@ void settle(const Rivals& in, const Grounds& grounds, const ChoiceRule& rule, in
     const uint8_t *beside = bytes_of(grounds.beside) + o, *even = bytes_of(choice.even) + o;
     const uint8_t* smeared = bytes_of(choice.smeared) + o;
     uint8_t *soft = bytes_of(choice.soft) + o, *passing = bytes_of(choice.passing) + o;
-    uint8_t* seeds = bytes_of(choice.reached) + o;
+    uint8_t *seeds = bytes_of(choice.reached) + o, *kept = bytes_of(choice.kept) + o;
     float* share = choice.share + o;
     const ChoiceRule limits = rule;
     const float slope = slope_of(rule.full_trust, rule.high_trust);
@@ -240,7 +240,8 @@ void settle(const Rivals& in, const Grounds& grounds, const ChoiceRule& rule, in
         const float found = close ? equal[x] : static_cast<float>(enough & wins);
         share[x] = decided ? found : -1.0f;
         seeds[x] = static_cast<uint8_t>(enough & close & u_shown[x] & shown[x]);
-        passing[x] = static_cast<uint8_t>(valid[x] & enough & (1 - contradicted) & smooth[x]);
+        kept[x] = static_cast<uint8_t>(valid[x] & (1 - contradicted));
+        passing[x] = static_cast<uint8_t>(kept[x] & enough & smooth[x]);
         soft[x] = static_cast<uint8_t>(even[x] | flag(edge[x] < limits.soft_edge));
     }
 }
@@ -256,12 +257,12 @@ void narrow(const Rivals& in, int y, const Choice& choice) {
 
 void sift(const Rivals& in, int y, const bool* small, const Choice& choice) {
     const long o = offset_of(in.size, y);
-    const uint8_t *valid = bytes_of(in.valid) + o, *gone = bytes_of(small);
+    const uint8_t* gone = bytes_of(small);
     uint8_t *kept = bytes_of(choice.kept) + o, *reached = bytes_of(choice.reached) + o;
     const int width = in.size.width;
 #pragma GCC ivdep
     for (int x = 0; x < width; ++x) {
-        kept[x] = static_cast<uint8_t>(valid[x] & (1 - gone[x]));
+        kept[x] &= static_cast<uint8_t>(1 - gone[x]);
         reached[x] &= kept[x];
     }
 }

@@ -76,7 +76,7 @@ struct Choice {
     bool* soft;
     bool* passing;
     bool* reached;
-    bool* kept;  // valid, and no small patch
+    bool* kept;  // valid and not contradicted; in the end, of no small patch
     bool* along;  // bridges along rows
     bool* across;  // and along columns
     float* share;  // of the upload; below 0 where it is to be reached
@@ -123,11 +123,11 @@ struct FusionSweeps {
     void (*poll)(const Rivals&, const PollMarks&, const PollRule&, int row, float* scratch, long plane, double* out);
     // Writes row y of `uneven`, `even` and `smeared`; scratch: 2 * (width + 8).
     void (*look)(const Rivals&, const ChoiceRule&, int y, float* scratch, const Choice&);
-    // Writes row y of `soft`, `passing`, `reached` (its seeds) and `share`; scratch: 4 * (width + 4).
+    // Writes row y of `soft`, `passing`, `reached` (its seeds), `kept` and `share`; scratch: 4 * (width + 4).
     void (*settle)(const Rivals&, const Grounds&, const ChoiceRule&, int y, float* scratch, const Choice&);
     // Leaves passing in row y only what neither map shows.
     void (*narrow)(const Rivals&, int y, const Choice&);
-    // Writes row y of `kept`, and leaves only that reached.
+    // Leaves in row y of `kept` and `reached` no small patches.
     void (*sift)(const Rivals&, int y, const bool* small, const Choice&);
     // Sets bridges [out] that begin in a stretch and follow a row (`step` 1) or a column (`step` width): pixels that
     // are passing and lead from one reached pixel to another only up or only down. Scratch: width.

@@ -88,7 +88,7 @@ def test_every_preset_is_within_its_own_ranges(preset):
         ({"preset": "robust", "fusion": {"toleranze_px": 1}}, "fusion.toleranze_px: unknown"),
         ({"fusion": 1}, "fusion: got 1"),
         ({"fusion": {"tolerance_px": 0}}, "fusion.tolerance_px.*got 0"),
-        ({"fusion": {"min_trust": 1.5}}, "fusion.min_trust.*got 1.5"),
+        ({"fusion": {"max_doubt": 1.5}}, "fusion.max_doubt.*got 1.5"),
         ({"fusion": {"bend": float("inf")}}, "fusion.bend"),
         ({"gdr": {"averaging_px": 4.1}}, "gdr.averaging_px.*got 4.1"),
         ({"gdr": {"edge_floor": 0}}, "gdr.edge_floor.*got 0"),

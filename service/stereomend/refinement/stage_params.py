@@ -184,13 +184,21 @@ class FusionParams(StageParams):
     against_by: float = Field(
         0.05, ge=0, le=2, description="evidence that it lacks where a vote against it counts in full [1] (R8)"
     )
-    min_trust: float = Field(0.65, ge=0, le=1, description="trust from which the upload counts [1] (R8)")
-    full_trust: float = Field(0.75, ge=0, le=1, description="trust from which it counts in full [1] (R8)")
-    high_trust: float = Field(
-        0.82,
+    max_doubt: float = Field(
+        0.25,
         ge=0,
         le=1,
-        description="trust that lets the upload lack evidence, and hide what GDR sees [1] (R10)",
+        description="votes against the upload, of all, from which it does not count [1] (R8)",
+    )
+    low_doubt: float = Field(
+        0.18, ge=0, le=1, description="votes against it, of all, up to which it counts in full [1] (R8)"
+    )
+    trusted_doubt: float = Field(
+        0.15,
+        ge=0,
+        le=1,
+        description="votes against it, of all, up to which it may lack evidence, and hide what GDR sees [1] "
+        "(R10)",
     )
     worse_by: float = Field(
         0.008, ge=0, le=1, description="share of evidence that the upload lacks and loses by [1] (R9)"

@@ -127,10 +127,10 @@ class Loops(NamedTuple):
                         plane[y, a + 1 : b] = True
         return found
 
-    def patch_sizes(self, straight):
+    def patch_sizes(self, straight, where):
         """By filling; doubled for each side of the picture that a patch touches."""
         sizes, last = np.zeros(straight.shape, int), np.subtract(straight.shape, 1)
-        left = {(int(y), int(x)) for y, x in np.argwhere(self.rivals.valid)}
+        left = {(int(y), int(x)) for y, x in np.argwhere(where)}
         while left:
             patch = [left.pop()]
             for y, x in patch:
@@ -145,15 +145,16 @@ class Loops(NamedTuple):
 
     def share(self):
         rivals, grounds, rule = self.rivals, self.grounds, self.rule
-        uneven, straight, passing, seeds = (np.zeros(rivals.u.shape, bool) for _ in range(4))
+        uneven, straight, passing, seeds, kept = (np.zeros(rivals.u.shape, bool) for _ in range(5))
         for at in np.ndindex(uneven.shape):
             uneven[at], straight[at] = self.is_spike(*at) or not rivals.valid[at], self.is_straight(*at)
         for at in np.ndindex(uneven.shape):
             enough = grounds.level[at] > rule.enough
             seeds[at] = enough and self.is_near(*at) and rivals.u_shown[at] and rivals.upload_shown[at]
             smooth = not self.is_rough(*at, uneven)
-            passing[at] = rivals.valid[at] and enough and self.judged(*at)[1] and smooth
-        kept = rivals.valid & (self.patch_sizes(straight) > rule.largest_patch)
+            kept[at] = rivals.valid[at] and self.judged(*at)[1]
+            passing[at] = kept[at] and enough and smooth
+        kept &= self.patch_sizes(straight, kept) > rule.largest_patch
         reached = kept & self.walked(seeds, passing, straight | (grounds.edge < rule.soft_edge))
         bridged = self.bridges(reached, passing & self.hidden)
         share = (reached | bridged).astype(np.float32)

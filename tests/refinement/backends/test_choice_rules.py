@@ -49,10 +49,10 @@ def test_where_both_agree_the_share_is_what_is_equal(backend):
 @pytest.mark.parametrize(
     ("level", "margin"),
     [
-        (0.72, FUSION.win_margin),
-        (FUSION.full_trust, FUSION.win_margin),
-        ((FUSION.full_trust + FUSION.high_trust) / 2, (FUSION.win_margin - FUSION.trusted_margin) / 2),
-        (FUSION.high_trust, -FUSION.trusted_margin),
+        (0.8, FUSION.win_margin),
+        (RULE.full_trust, FUSION.win_margin),
+        ((RULE.full_trust + RULE.high_trust) / 2, (FUSION.win_margin - FUSION.trusted_margin) / 2),
+        (RULE.high_trust, -FUSION.trusted_margin),
         (1, -FUSION.trusted_margin),
     ],
 )
@@ -70,12 +70,12 @@ def test_the_evidence_of_5_x_5_pixels_decides_mirrored_at_borders(backend):
     """A lead of one pixel that is just enough for 25, at a corner for more: there it counts four times."""
     lead = np.zeros(SIZE)
     lead[12, 20] = lead[0, 0] = 25 * 0.03
-    found = backend.choose(*told(upload=9, level=0.72, for_upload=0.6 + lead), RULE)
+    found = backend.choose(*told(upload=9, level=0.8, for_upload=0.6 + lead), RULE)
     expected = np.zeros(SIZE)
     expected[10:15, 18:23] = expected[:3, :3] = 1
     assert (found == expected).all()
     lead /= 2.5  # enough only where it counts twice or more
-    found = backend.choose(*told(upload=9, level=0.72, for_upload=0.6 + lead), RULE)
+    found = backend.choose(*told(upload=9, level=0.8, for_upload=0.6 + lead), RULE)
     expected[:], expected[:2, :3], expected[:3, :2] = 0, 1, 1
     assert (found == expected).all()
 
@@ -83,7 +83,7 @@ def test_the_evidence_of_5_x_5_pixels_decides_mirrored_at_borders(backend):
 @EVERY_BACKEND
 def test_without_trust_no_other_map_counts(backend):
     """Neither by evidence nor by being reached; up to the middle between the least and full trust."""
-    for level, share in ((0.69, 0), (0.71, 1)):
+    for level, share in ((0.78, 0), (0.79, 1)):
         assert (backend.choose(*told(upload=9, level=level, for_upload=1), RULE) == share).all()
         assert (unseen(backend, 5, level=level)[UNSEEN] == share).all()
     assert not backend.choose(*told(upload=9, level=0.5, for_upload=1), RULE._replace(enough=0.5)).any()
@@ -290,7 +290,7 @@ def test_a_map_that_leads_over_a_jump_of_a_highly_trusted_upload_has_no_evidence
     maps = [np.broadcast_to(plane, SIZE) for plane in (upload, u)]
     maps = [plane.T if turned else plane for plane in maps]
     facts = dict(zip(("upload", "u"), maps, strict=True), for_upload=np.where(maps[0] == maps[1], 0.6, 0.2))
-    for level, expected in ((0.83, share), (0.81, 0)):
+    for level, expected in ((0.86, share), (0.84, 0)):
         found = backend.choose(*told(maps[0].shape, **facts, level=level), RULE)
         assert ((found.T if turned else found)[:, differ] == expected).all(), level
 
@@ -326,9 +326,9 @@ def test_high_trust_lets_the_upload_hide_what_u_sees(backend):
         ({"u": 1, "for_upload": 0.5}, True),
         ({"u": 5.5, "for_upload": 0.3}, True),  # both say nearly the same
         ({"u": 1, "for_upload": 0.3, "glints": True}, True),
-        ({"u": 1, "for_upload": 0.9, "upload_shown": False, "level": 0.8}, False),
-        ({"u": 1, "for_upload": 0.9, "upload_shown": False, "level": 0.83}, True),
-        ({"u_shown": False, "level": 0.6}, False),
+        ({"u": 1, "for_upload": 0.9, "upload_shown": False, "level": 0.84}, False),
+        ({"u": 1, "for_upload": 0.9, "upload_shown": False, "level": 0.86}, True),
+        ({"u_shown": False, "level": 0.7}, False),
         ({"u_shown": False, "valid": False, "upload": 0}, False),
     ],
 )
@@ -364,7 +364,7 @@ def test_where_u_is_not_shown_the_share_is_what_is_reached(backend):
     seeds = u_shown & (upload == 160.5)
     u = np.where(seeds, upload, 100)
     found = backend.choose(
-        *told(size, upload=upload, u=u, u_shown=u_shown, edge=edge, for_u=0, level=0.72), rule
+        *told(size, upload=upload, u=u, u_shown=u_shown, edge=edge, for_u=0, level=0.8), rule
     )
     walked = backend.reach(seeds, np.ones(size, bool), edge < 0.5, upload, rule.step)
     assert (found == walked).all()
@@ -383,6 +383,20 @@ def test_small_patches_are_dropped_however_well_they_compare(backend):
             expected[part] = 0
         found = backend.choose(*told(upload=upload, u=upload), RULE._replace(largest_patch=largest))
         assert (found == expected).all()
+
+
+@EVERY_BACKEND
+def test_what_the_pair_contradicts_adds_nothing_to_a_patch(backend):
+    """Both maps agree on 9 of its 12 pixels, and on the others the pair speaks for the other map."""
+    patch, contradicted = np.s_[4:7, 8:12], np.s_[4:7, 8]
+    upload, u, n = np.full(SIZE, 5.0), np.full(SIZE, 5.0), np.full(SIZE, 0.6)
+    upload[patch] = u[patch] = 6
+    u[contradicted], n[contradicted] = 12, 0.1
+    for largest, dropped in ((8, contradicted), (9, patch)):
+        expected = np.ones(SIZE)
+        expected[dropped] = 0
+        facts = told(upload=upload, u=u, for_upload=n, level=0.8)
+        assert (backend.choose(*facts, RULE._replace(largest_patch=largest)) == expected).all()
 
 
 @EVERY_BACKEND

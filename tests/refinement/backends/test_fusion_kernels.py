@@ -15,7 +15,7 @@ NATIVE, REFERENCE = select_backend("native", threads=2), select_backend("referen
 EVERY_BACKEND = pytest.mark.parametrize("backend", [NATIVE, REFERENCE], ids=lambda backend: backend.name)
 FUSION = parse_params({"preset": "robust"}).fusion
 POLL = PollRule(0.975, 1.125, 0.05, 0.02)
-THRESHOLDS = [FUSION.min_trust, FUSION.full_trust, FUSION.high_trust]
+THRESHOLDS = [1 - FUSION.max_doubt, 1 - FUSION.low_doubt, 1 - FUSION.trusted_doubt]
 FINE = 8  # parts of a pixel that quantised maps are rounded to
 
 

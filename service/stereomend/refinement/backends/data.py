@@ -213,9 +213,9 @@ class ChoiceRule(NamedTuple):
         """For a picture of so many pixels at `scale` of the input's size."""
         return cls(
             near=params.near_px * scale,
-            enough=(params.min_trust + params.full_trust) / 2,
-            full_trust=params.full_trust,
-            high_trust=params.high_trust,
+            enough=1 - (params.max_doubt + params.low_doubt) / 2,
+            full_trust=1 - params.low_doubt,
+            high_trust=1 - params.trusted_doubt,
             win_margin=params.win_margin,
             trusted_margin=params.trusted_margin,
             weak_share=params.weak_share,
@@ -273,8 +273,8 @@ class GroundRule(NamedTuple):
         trust, evidence = (
             max(share * width, params.least_width_px) for share in (params.trust_width, params.evidence_width)
         )
-        shared = (params.far_share, params.min_trust, params.full_trust, params.worse_by, params.equal_within)
-        return cls(trust, evidence, *shared)
+        trusts = 1 - params.max_doubt, 1 - params.low_doubt
+        return cls(trust, evidence, params.far_share, *trusts, params.worse_by, params.equal_within)
 
 
 class Ground(NamedTuple):

@@ -80,6 +80,7 @@ class _Settled(NamedTuple):
     """Where it is decided."""
     seeds: Mask
     passing: Mask
+    uncontradicted: Mask
 
 
 def choose(rivals: Rivals, grounds: Grounds, rule: ChoiceRule) -> Array:
@@ -87,8 +88,8 @@ def choose(rivals: Rivals, grounds: Grounds, rule: ChoiceRule) -> Array:
     upload = np.asarray(rivals.upload, np.float64)
     settled, even = _settle(rivals, grounds, rule), straight(upload, rule.step)
     soft = even | (grounds.edge < rule.soft_edge)
-    label = patches(upload, rivals.valid, rule.step, even)
-    kept = rivals.valid & (patch_sizes(label) > rule.largest_patch)
+    label = patches(upload, settled.uncontradicted, rule.step, even)
+    kept = settled.uncontradicted & (patch_sizes(label) > rule.largest_patch)
     land = Land(settled.seeds, settled.passing, soft, upload)
     hidden = settled.passing & ~(rivals.u_shown | rivals.upload_shown)
     land = land._replace(reached=walk_all_ways(land, rule.step), passing=hidden)
@@ -114,6 +115,7 @@ def _settle(rivals: Rivals, grounds: Grounds, rule: ChoiceRule) -> _Settled:
         np.where(close, grounds.equal, enough & wins),
         enough & close & rivals.u_shown & rivals.upload_shown,
         rivals.valid & enough & ~contradicted & few_around(uneven, rule.rough_share),
+        rivals.valid & ~contradicted,
     )
 
 
