@@ -39,6 +39,9 @@ class BoundedProtocol(HttpToolsProtocol):
     def on_body(self, body: bytes) -> None:
         """A piece of the body is there."""
         self._unheard = 0
+        if not self.cycle.body:
+            # What is added to empty bytes is not copied; to uvicorn's bytearray it is, and out of it again.
+            self.cycle.body = b""  # type: ignore[assignment]
         super().on_body(body)
 
     def on_message_complete(self) -> None:
