@@ -225,7 +225,7 @@ class FusionParams(StageParams):
         description="GDR sees nothing below this share of the evidence around [1] (R10)",
     )
     spike_px: float = Field(
-        0.4,
+        0.3,
         gt=0,
         le=100,
         description="rise above both neighbours, as of no surface [px at working size] (R10)",
