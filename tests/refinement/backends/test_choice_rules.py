@@ -372,30 +372,19 @@ def test_where_u_is_not_shown_the_share_is_what_is_reached(backend):
 
 
 @EVERY_BACKEND
-def test_small_patches_are_dropped_however_well_they_compare(backend):
-    """Of up to so many pixels, cut out by steps of 1 px; both maps agree on them. Corners count 4 times."""
-    upload = np.full(SIZE, 5.0)
-    upload[4:7, 8:12] = upload[12:15, 8:13] = upload[20:, 44:] = 6
+@pytest.mark.parametrize(("against", "first", "level"), [(np.s_[:0], 12, 1), (np.s_[4:7, 8], 9, 0.8)])
+def test_small_patches_are_dropped_however_well_they_compare(backend, against, first, level):
+    """Of up to so many pixels that nothing contradicts, cut out by steps of 1 px. Corners count 4 times."""
+    upload, n = np.full(SIZE, 5.0), np.full(SIZE, 0.6)
     parts = [np.s_[4:7, 8:12], np.s_[12:15, 8:13], np.s_[20:, 44:]]
-    for largest, dropped in ((11, 0), (12, 1), (15, 2), (63, 2), (64, 3)):
+    upload[4:7, 8:12] = upload[12:15, 8:13] = upload[20:, 44:] = 6
+    u = upload.copy()
+    u[against], n[against] = 12, 0.1
+    for largest, dropped in ((first - 1, 0), (first, 1), (15, 2), (63, 2), (64, 3)):
         expected = np.ones(SIZE)
-        for part in parts[:dropped]:
+        for part in (against, *parts[:dropped]):
             expected[part] = 0
-        found = backend.choose(*told(upload=upload, u=upload), RULE._replace(largest_patch=largest))
-        assert (found == expected).all()
-
-
-@EVERY_BACKEND
-def test_what_the_pair_contradicts_adds_nothing_to_a_patch(backend):
-    """Both maps agree on 9 of its 12 pixels, and on the others the pair speaks for the other map."""
-    patch, contradicted = np.s_[4:7, 8:12], np.s_[4:7, 8]
-    upload, u, n = np.full(SIZE, 5.0), np.full(SIZE, 5.0), np.full(SIZE, 0.6)
-    upload[patch] = u[patch] = 6
-    u[contradicted], n[contradicted] = 12, 0.1
-    for largest, dropped in ((8, contradicted), (9, patch)):
-        expected = np.ones(SIZE)
-        expected[dropped] = 0
-        facts = told(upload=upload, u=u, for_upload=n, level=0.8)
+        facts = told(upload=upload, u=u, for_upload=n, level=level)
         assert (backend.choose(*facts, RULE._replace(largest_patch=largest)) == expected).all()
 
 

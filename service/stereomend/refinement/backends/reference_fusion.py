@@ -109,13 +109,14 @@ def _settle(rivals: Rivals, grounds: Grounds, rule: ChoiceRule) -> _Settled:
     strong = rivals.u_shown & ~grounds.glints & (mean_5x5(n) >= rule.weak_share * grounds.usual)
     comparable = rivals.upload_shown & ~((grounds.beside | smeared(rivals, rule.near)) & high)
     contradicted = strong & ~close & ~wins & (comparable | ~high)
+    uncontradicted = rivals.valid & ~contradicted
     uneven = spikes(np.asarray(rivals.upload, np.float64), rule.spike) | ~rivals.valid
     return _Settled(
         np.where(close, rivals.u_shown, strong & comparable),
         np.where(close, grounds.equal, enough & wins),
         enough & close & rivals.u_shown & rivals.upload_shown,
-        rivals.valid & enough & ~contradicted & few_around(uneven, rule.rough_share),
-        rivals.valid & ~contradicted,
+        uncontradicted & enough & few_around(uneven, rule.rough_share),
+        uncontradicted,
     )
 
 
