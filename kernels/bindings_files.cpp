@@ -34,6 +34,16 @@ Output<uint8_t> unfiltered(const Bytes& filtered, size_t height, size_t stride, 
     return out;
 }
 
+Output<uint8_t> filtered_levels(const Plane& plane, float scale) {
+    check_same_shape(plane);
+    const size_t height = plane.shape(0);
+    const size_t width = plane.shape(1);
+    Output<uint8_t> out = new_plane<uint8_t>(height, 1 + 2 * width);
+    nb::gil_scoped_release unlocked;
+    stereomend::filter_levels(plane.data(), height, width, scale, out.data());
+    return out;
+}
+
 // (name, begin, size) of each chunk, and what is wrong: a value of PngFault; see png_chunks.hpp.
 std::pair<std::vector<std::tuple<uint32_t, size_t, size_t>>, int> chunks_of(const Bytes& file, size_t at,
                                                                             size_t most) {
@@ -67,6 +77,8 @@ void bind_files(nb::module_& m) {
           "3: more than most.");
     m.def("unfilter", &unfiltered, "filtered"_a.noconvert(), "height"_a, "stride"_a, "bytes_per_pixel"_a,
           "The bytes of a PNG's samples, (height, stride), from height rows of 1 + stride filtered ones.");
+    m.def("filter_levels", &filtered_levels, "plane"_a.noconvert(), "scale"_a,
+          "Rows of a PNG of 16 bits, filtered, (height, 1 + 2 * width), of values from 0 to 65535 / scale.");
 }
 
 }  // namespace stereomend

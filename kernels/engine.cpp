@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <functional>
 #include <stdexcept>
 
@@ -265,8 +266,15 @@ long Engine::see(int width, const Reading& reading, Rows rows, bool* seen, long*
     long total = 0;
     for (int y = rows.begin; y < rows.end; ++y, seen += width) {
         const size_t o = static_cast<size_t>(y) * width;
+        const bool* valid = reading.valid + o;
+        // Most rows of a sample are not in it.
+        if (!memchr(valid, true, width)) {
+            std::fill(seen, seen + width, false);
+            *counts++ = 0;
+            continue;
+        }
         ldr_.sweeps.unobserved_row(reading.u + o, width, seen);
-        for (int x = 0; x < width; ++x) seen[x] = reading.valid[o + x] & !seen[x];
+        for (int x = 0; x < width; ++x) seen[x] = valid[x] & !seen[x];
         total += *counts++ = std::count(seen, seen + width, true);
     }
     return total;

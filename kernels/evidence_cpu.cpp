@@ -210,16 +210,19 @@ void glint_row_of(const Channels& in, const GlintRule& rule, int y, uint8_t* gli
     const float saturation = rule.saturation;
     const float bright = rule.bright;
     const float almost = rule.nearly;
+    const int width = in.size.width;
 #pragma GCC ivdep
-    for (int x = 0; x < in.size.width; ++x) {
+    for (int x = 0; x < width; ++x) {
         float most = row[0][x];
         float least = row[0][x];
         for (int k = 1; k < Count; ++k) {
             most = larger(most, row[k][x]);
             least = smaller(least, row[k][x]);
         }
-        glints[x] = (most - least < saturation * most) & (most > bright);
-        nearly[x] = most > almost;
+        // As numbers, for comparisons of bools are not vectorised.
+        const int colourless = most - least < saturation * most ? 1 : 0;
+        glints[x] = static_cast<uint8_t>(colourless & (most > bright ? 1 : 0));
+        nearly[x] = static_cast<uint8_t>(most > almost ? 1 : 0);
     }
 }
 

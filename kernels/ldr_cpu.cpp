@@ -177,15 +177,24 @@ bool fill_row(const float* const met[kDirections], int width, float* w) {
     return holes;
 }
 
-// In double, for x - u would lose digits of u.
+// In double, for x - u would lose digits of u. The minimum waits for its neighbour's; all else does not, and is done
+// beside it, part by part.
 void unobserved_row(const float* u, int width, bool* out) {
+    constexpr int kPart = 256;
+    uint8_t* flags = bytes_of(out);
     double leftmost = static_cast<double>(kNone);
-    for (int x = width - 1; x >= 0; --x) {
-        const double column = x - static_cast<double>(u[x]);
-        // Taken before the comparison, or the compiler would not see the minimum that it is.
-        const double nearer = leftmost;
-        leftmost = column < nearer ? column : nearer;
-        out[x] = (column < 0.0) | (column > width - 1) | (nearer <= column - 1.0);
+    for (int begin = (width - 1) / kPart * kPart; begin >= 0; begin -= kPart) {
+        const int count = width - begin < kPart ? width - begin : kPart;
+        double column[kPart];
+        double nearer[kPart];
+        for (int k = 0; k < count; ++k) column[k] = begin + k - static_cast<double>(u[begin + k]);
+        for (int k = count - 1; k >= 0; --k) {
+            nearer[k] = leftmost;
+            leftmost = column[k] < leftmost ? column[k] : leftmost;
+        }
+        for (int k = 0; k < count; ++k)
+            flags[begin + k] = static_cast<uint8_t>((column[k] < 0.0 ? 1 : 0) | (column[k] > width - 1 ? 1 : 0) |
+                                                    (nearer[k] <= column[k] - 1.0 ? 1 : 0));
     }
 }
 

@@ -76,6 +76,22 @@ void end_wide_vectors() {
 #endif
 }
 
+constexpr uint8_t kUp = 2;
+constexpr float kWhole = 12582912.0f;  // 1.5 * 2^23: floats of this size have no fraction
+
+// Big-endian, as a PNG stores them.
+void levels_of(const float* row, size_t width, float scale, uint16_t* out) {
+    for (size_t x = 0; x < width; ++x) {
+        const float rounded = (row[x] * scale + kWhole) - kWhole;
+        const int level = static_cast<int>(rounded < 1.0f ? 1.0f : rounded);
+        out[x] = static_cast<uint16_t>(level >> 8 | level << 8);
+    }
+}
+
+void filter_up(const uint8_t* row, const uint8_t* above, size_t stride, uint8_t* __restrict out) {
+    for (size_t x = 0; x < stride; ++x) out[x] = static_cast<uint8_t>(row[x] - above[x]);
+}
+
 }  // namespace
 
 bool unfilter(const PngRows& rows, const uint8_t* filtered, uint8_t* out) {
@@ -91,6 +107,17 @@ bool unfilter(const PngRows& rows, const uint8_t* filtered, uint8_t* out) {
         out += rows.stride;
     }
     return true;
+}
+
+void filter_levels(const float* plane, size_t height, size_t width, float scale, uint8_t* out) {
+    std::vector<uint16_t> row(width);
+    std::vector<uint16_t> above(width);
+    for (size_t y = 0; y < height; ++y, plane += width, out += 1 + 2 * width) {
+        levels_of(plane, width, scale, row.data());
+        out[0] = kUp;
+        filter_up(reinterpret_cast<uint8_t*>(row.data()), reinterpret_cast<uint8_t*>(above.data()), 2 * width, out + 1);
+        row.swap(above);
+    }
 }
 
 }  // namespace stereomend

@@ -1,4 +1,4 @@
-// The filters of PNG rows, undone.
+// Rows of a PNG: filters undone, and rows of 16 bits filtered.
 #pragma once
 
 #include <cstddef>
@@ -16,5 +16,9 @@ struct PngRows {
 // Undoes the filters (PNG, third edition, section 9). filtered: height rows of 1 + stride bytes, the first of each the
 // number of its filter; out: (height, stride) [out]. False where a row has a filter that PNG does not define.
 bool unfilter(const PngRows& rows, const uint8_t* filtered, uint8_t* out);
+
+// A plane of `width` values from 0 to 65535 / scale as grey levels value * scale, rounded to even and at least 1, in
+// height rows of 1 + 2 * width bytes [out] with the filter Up: smooth planes become nearly all zero.
+void filter_levels(const float* plane, size_t height, size_t width, float scale, uint8_t* out);
 
 }  // namespace stereomend

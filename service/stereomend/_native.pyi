@@ -18,6 +18,7 @@ def find_chunks(
 def unfilter(
     filtered: npt.NDArray[np.uint8], height: int, stride: int, bytes_per_pixel: int
 ) -> npt.NDArray[np.uint8]: ...
+def filter_levels(plane: _Plane, scale: float) -> npt.NDArray[np.uint8]: ...
 
 class SolverParams:
     def __init__(

@@ -49,12 +49,18 @@ def test_png_holds_disparity_times_256_in_16_bits(disparity):
         np.frombuffer(encode_result(result_of(disparity), PNG), np.uint8), cv2.IMREAD_UNCHANGED
     )
     assert stored.dtype == np.uint16
-    np.testing.assert_allclose(stored / 256, disparity, atol=0.5 / 256)
+    np.testing.assert_array_equal(stored, np.rint(disparity.astype(np.float64) * 256))
 
 
 def test_png_keeps_zero_free_because_every_result_is_known():
     data = encode_result(result_of([[0, 1e-9, 1 / 256, 1.5 / 256 + 1e-6]]), PNG)
     np.testing.assert_array_equal(cv2.imdecode(np.frombuffer(data, np.uint8), -1), [[1, 1, 1, 2]])
+
+
+def test_png_rounds_halves_to_even_up_to_the_largest_level():
+    levels = np.arange(1, 65535, dtype=np.float32)[None, ::-7]
+    data = encode_result(result_of((levels + np.float32(0.5)) / 256), PNG)
+    np.testing.assert_array_equal(cv2.imdecode(np.frombuffer(data, np.uint8), -1), np.rint(levels + 0.5))
 
 
 def test_png_refuses_what_does_not_fit_and_names_what_does():

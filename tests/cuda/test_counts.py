@@ -26,7 +26,7 @@ def counted(preset):
 
 def pixel_iterations(params):
     """Of all levels together."""
-    sizes = level_sizes((HEIGHT, WIDTH), params.levels)
+    sizes = level_sizes((HEIGHT, WIDTH), params)
     coarse = (params.coarse_warps or params.warps) * (params.coarse_iterations or params.iterations)
     counts = [params.warps * params.iterations] + [coarse] * (len(sizes) - 1)
     return sum(h * w * count for (h, w), count in zip(sizes, counts, strict=True))

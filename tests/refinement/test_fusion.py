@@ -7,7 +7,10 @@ import pytest
 
 from stereomend import refine
 from stereomend.phantom import good_disparity, make_phantom
-from stereomend.refinement.fusion import hardly_shown
+from stereomend.refinement import parse_params
+from stereomend.refinement.backends import ChoiceRule
+from stereomend.refinement.fusion import grain_of, hardly_shown
+from stereomend.refinement.pyramid import Sparse
 
 ONCE_WORSE = {
     "the shade of a shaft, where every disparity matches": (9003023, "quantised"),
@@ -48,3 +51,18 @@ def test_a_surface_is_hardly_shown_where_it_rises_by_half_a_pixel_per_pixel(widt
             expected[y, x] = valid[y, x - 2] and valid[y, x + 2] and after - before <= 2
     assert (hardly_shown(u.astype(np.float32), valid) == expected).all()
     assert width < 40 or 0.1 < expected.mean() < 0.9
+
+
+def test_a_map_is_in_whole_pixels_if_every_value_is():
+    u = np.random.default_rng(1).integers(0, 9, (150, 7)).astype(np.float32)
+    assert grain_of(Sparse(u, u > 0)) == 1
+    u[149, 6] = 3.5
+    assert grain_of(Sparse(u, u > 0)) == 0
+
+
+def test_steps_of_whole_pixels_are_smooth_whatever_is_told():
+    params = parse_params({"preset": "robust", "fusion": {"step_px": 0.5}}).fusion
+    assert ChoiceRule.of(params, 0.7, 0).step == pytest.approx(0.35)
+    assert 0.7 < ChoiceRule.of(params, 0.7, 0, grain_px=1).step < 0.72
+    wider = params.model_copy(update={"step_px": 3})
+    assert ChoiceRule.of(wider, 0.7, 0, grain_px=1).step == pytest.approx(2.1)

@@ -28,7 +28,8 @@ def scene(phantom):
 def test_a_prior_is_trusted_by_its_confidence_and_occlusions_by_a_weight_of_their_own():
     u, confidence = np.full((2, 3), 5, np.float32), np.array([[0, 0.5, 1], [1, 0, 0.2]], np.float32)
     occluded = np.array([[0, 0, 0], [0, 1, 1]], bool)
-    prior = prior_of(Local(u, ~occluded, occluded), confidence, GdrParams(prior_weight=0.4, fill_weight=0.9))
+    params = GdrParams(data_weight=2, prior_weight=0.2, fill_weight=0.45)
+    prior = prior_of(Local(u, ~occluded, occluded), confidence, params)
     assert prior.trust == pytest.approx(np.array([[0, 0.2, 0.4], [0.4, 0.9, 0.9]]))
     assert prior.trust.dtype == np.float32
     assert (prior.u == u).all()
@@ -41,7 +42,7 @@ def test_without_weights_a_prior_only_starts():
 
 def test_where_nobody_looked_for_occlusions_confidence_decides():
     u = np.full((1, 2), 5, np.float32)
-    params = GdrParams(prior_weight=0.4, fill_weight=0.9)
+    params = GdrParams(data_weight=1, prior_weight=0.4, fill_weight=0.9)
     trust = prior_of(Local(u, u > 0), np.array([[0.5, 1]], np.float32), params).trust
     assert trust == pytest.approx(np.array([[0.2, 0.4]]))
 

@@ -23,8 +23,9 @@ def test_overrides_leave_the_rest_of_the_preset():
 
 
 def test_starting_from_zero_takes_six_levels_unless_told_otherwise():
-    assert parse_params({"initial": "zero"}).gdr.levels == 6
-    assert parse_params({"initial": "zero", "gdr": {"levels": 3}}).gdr.levels == 3
+    assert parse_params({"preset": "paper", "initial": "zero"}).gdr.levels == 6
+    assert parse_params({"preset": "paper", "initial": "zero", "gdr": {"levels": 3}}).gdr.levels == 3
+    assert parse_params({"initial": "zero"}).gdr.levels == PRESETS["robust"].gdr.levels
 
 
 def test_robust_chooses_between_maps_and_works_at_three_quarters_of_the_size():

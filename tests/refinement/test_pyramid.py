@@ -11,6 +11,7 @@ from stereomend.refinement.pyramid import (
     level_sizes,
     working_size,
 )
+from stereomend.refinement.stage_params import GdrParams
 
 BACKENDS = ["native", "reference"]
 
@@ -63,10 +64,19 @@ def test_disparity_is_averaged_over_valid_pixels_only(backend):
 
 
 def test_levels_halve_rounding_up_and_stop_before_eight_pixels():
-    assert level_sizes((63, 100), 4) == [(63, 100), (32, 50), (16, 25), (8, 13)]
-    assert level_sizes((63, 100), 9) == [(63, 100), (32, 50), (16, 25), (8, 13)]
-    assert level_sizes((15, 400), 4) == [(15, 400), (8, 200)]
-    assert level_sizes((1, 1), 4) == [(1, 1)]
+    assert level_sizes((63, 100), GdrParams(levels=4)) == [(63, 100), (32, 50), (16, 25), (8, 13)]
+    assert level_sizes((63, 100), GdrParams(levels=9)) == [(63, 100), (32, 50), (16, 25), (8, 13)]
+    assert level_sizes((63, 100), GdrParams(levels=3)) == [(63, 100), (32, 50), (16, 25)]
+    assert level_sizes((15, 400), GdrParams(levels=4)) == [(15, 400), (8, 200)]
+    assert level_sizes((1, 1), GdrParams(levels=4)) == [(1, 1)]
+
+
+def test_the_least_side_of_a_level_can_be_chosen():
+    assert level_sizes((63, 100), GdrParams(levels=9, least_side_px=16)) == [(63, 100), (32, 50), (16, 25)]
+    assert level_sizes((63, 100), GdrParams(levels=9, least_side_px=17)) == [(63, 100), (32, 50)]
+    assert level_sizes((63, 100), GdrParams(levels=9, least_side_px=64)) == [(63, 100)]
+    # Rounded up, a side never falls below 1 px: the number of levels alone bounds them then.
+    assert len(level_sizes((63, 100), GdrParams(levels=9, least_side_px=1))) == 9
 
 
 def test_the_working_size_is_never_empty():

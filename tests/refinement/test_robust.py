@@ -67,6 +67,15 @@ def test_a_broken_map_improves_at_least_as_much_as_with_paper(seed, instrument):
     assert ours < 0.15 * rmse(broken, phantom.truth)
 
 
+def test_the_steps_of_a_map_in_whole_pixels_are_no_jumps(any_phantom):
+    whole = good_disparity(any_phantom, 7, "quantised").values
+    small, larger = (run(any_phantom, whole, fusion={"step_px": px}).disparity for px in (0.2, 1))
+    assert (small == larger).all()
+    uneven = whole + np.float32(0.01) * (np.arange(whole.shape[0]) % 2)[:, None]
+    small, larger = (run(any_phantom, uneven, fusion={"step_px": px}).disparity for px in (0.2, 1))
+    assert (small != larger).any()
+
+
 @pytest.mark.parametrize("seed", SEEDS)
 def test_an_instrument_s_edge_has_at_most_half_of_the_bad_pixels_of_released(seed):
     phantom = phantom_of(seed, True)

@@ -41,7 +41,7 @@ def test_a_watched_refinement_is_bitwise_the_same(mended, backend, preset):
 def test_stages_and_warps_are_told_in_their_order(mended):
     params, seen = parse_params({"preset": "paper", "gdr": {"warps": 3, "levels": 3}}), []
     mended(params, lambda *step: seen.append(step))
-    warps = 3 * len(level_sizes((24, 32), 3))
+    warps = 3 * len(level_sizes((24, 32), params.gdr))
     assert seen == [("ldr", 0, 0), ("gdr", 0, 0), *(("gdr", done, warps) for done in range(warps))]
 
 

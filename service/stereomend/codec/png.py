@@ -8,11 +8,11 @@ from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from stereomend import _native
 from stereomend.codec.deflate import ERRORS, Buffer, crc32, deflated, inflater
 from stereomend.codec.headers import Header, Pixels
+from stereomend.disparity import FloatMap
 from stereomend.errors import DamagedFile, UnknownFormat
 from stereomend.opencv import cv2
 
@@ -21,7 +21,6 @@ SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _CHANNELS = {0: 1, 2: 3, 3: 3, 4: 2, 6: 4}
 _DEPTHS = {0: (1, 2, 4, 8, 16), 2: (8, 16), 3: (1, 2, 4, 8), 4: (8, 16), 6: (8, 16)}
 _PALETTE = 3
-_UP = 2  # filter: each byte minus the one above; smooth maps become nearly all zero
 _HEADER_END = 33  # signature, then IHDR: length, name, 13 bytes, checksum
 _MOST_CHUNKS = 100_000  # real writers need a few hundred per megapixel
 _CUT_OFF, _WRONG_CHECKSUM = 1, 2  # of `find_chunks`
@@ -71,14 +70,15 @@ def read_header(data: bytes) -> Header:
     )
 
 
-def write_png16(levels: npt.NDArray[np.uint16]) -> bytes:
-    """Write a grey PNG of 16 bits, fast rather than small; levels have the shape (H, W)."""
-    height, width = levels.shape
-    samples = levels.astype(">u2").view(np.uint8)
-    rows = np.empty((height, 1 + 2 * width), np.uint8)
-    rows[:, 0] = _UP
-    rows[0, 1:] = samples[0]
-    np.subtract(samples[1:], samples[:-1], out=rows[1:, 1:])
+def write_png16(plane: FloatMap, scale: float) -> bytes:
+    """Write a grey PNG of 16 bits, fast rather than small.
+
+    Args:
+        plane: (H, W), values from 0 to 65535 / `scale`.
+        scale: what they are multiplied by; the products are rounded, halves to even, and at least 1.
+    """
+    height, width = plane.shape
+    rows = _native.filter_levels(np.ascontiguousarray(plane, np.float32), scale)
     ihdr = struct.pack(">IIBBBBB", width, height, 16, 0, 0, 0, 0)
     chunks = (_chunk(b"IHDR", ihdr), _chunk(b"IDAT", deflated(rows.data)), _chunk(b"IEND", b""))
     return b"".join((SIGNATURE, *(part for chunk in chunks for part in chunk)))

@@ -113,8 +113,7 @@ def _png16(disparity: FloatMap) -> bytes:
             f"the largest disparity is {disparity.max():g} px, but a 16-bit PNG holds at most "
             f"{_PNG_LARGEST / _PNG_SCALE:.3f} px; NPY ({NPY_TYPE}) and TIFF ({TIFF_TYPE}) hold it"
         )
-    levels = np.rint(disparity * np.float32(_PNG_SCALE))
-    return write_png16(np.maximum(levels, 1).astype(np.uint16))
+    return write_png16(disparity, _PNG_SCALE)
 
 
 def _preview(disparity: FloatMap) -> bytes:

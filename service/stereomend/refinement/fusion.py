@@ -32,6 +32,7 @@ from stereomend.refinement.pyramid import Sparse
 from stereomend.refinement.scene import Scene
 from stereomend.refinement.stage_params import FusionParams
 
+_ROWS = 64
 _AROUND_HIDDEN = 2  # px that a descriptor and its window see of what is hidden
 _BESIDE_HIDDEN = 4  # px that a window sees of it where two readings are compared
 _STEEP = 2.0  # px of rise over 4: the right image shows them on 2
@@ -44,6 +45,8 @@ class Readings(NamedTuple):
     upload: Sparse
     """Sampled, not averaged: a mean of two surfaces would lie on neither."""
     u: Plane
+    grain_px: float = 0.0
+    """What values of the upload are whole multiples of, px of the input; 0: of nothing."""
 
 
 class Fused(NamedTuple):
@@ -85,7 +88,7 @@ def fuse(scene: Scene, maps: Readings, params: RefineParams, backend: Backend) -
     glints = _grown(~scene.matte, _AROUND_GLINTS)
     spoilt = glints | _grown(~(rivals.upload_shown & rivals.u_shown), _AROUND_HIDDEN)
     polls = backend.poll(rivals, scene.matte, spoilt, PollRule.of(params.fusion, judge.scale))
-    choice = ChoiceRule.of(params.fusion, judge.scale, maps.u.size)
+    choice = ChoiceRule.of(params.fusion, judge.scale, maps.u.size, maps.grain_px)
     share = backend.choose(rivals, _grounds(judge, rivals, polls, glints), choice)
     return Fused(_continued(judge, maps.u, polls), share, maps.upload)
 
@@ -118,6 +121,14 @@ def _continued(judge: _Judge, u: Plane, polls: Polls) -> Plane:
     # Matches leave the right image only on its left, as far as disparities reach.
     window = max(4.0, params.reach * float(np.percentile(u[::CELL, ::CELL], 95)))
     return judge.backend.bend(u, polls, BendRule(window, params.bend, params.flat_px))
+
+
+def grain_of(upload: Sparse) -> float:
+    """1 if the upload (H, W) is in whole pixels, as maps of 8 bits are, else 0."""
+    # Others show it in the first rows that are looked at.
+    tops = range(0, upload.u.shape[0], _ROWS)
+    parts = (upload.u[top : top + _ROWS] for top in tops)
+    return float(all((part == np.rint(part)).all() for part in parts))
 
 
 def _grown(mask: Mask, by: int) -> Mask:

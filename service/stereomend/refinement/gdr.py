@@ -24,9 +24,9 @@ def prior_of(local: Local, confidence: Plane, params: GdrParams) -> Prior:
     """LDR's map, trusted by its confidence, (H, W) in [0, 1], in occlusions by a weight of their own (R3)."""
     if params.prior_weight == params.fill_weight == 0:
         return Prior(local.u)
-    trust = confidence * confidence.dtype.type(params.prior_weight)
+    trust = confidence * confidence.dtype.type(params.data_weight * params.prior_weight)
     if local.occluded is not None:
-        np.copyto(trust, params.fill_weight, where=local.occluded)
+        np.copyto(trust, params.data_weight * params.fill_weight, where=local.occluded)
     return Prior(local.u, trust)
 
 

@@ -46,17 +46,17 @@ PRESETS: Mapping[str, Preset] = MappingProxyType(
             "Colour edges, an averaged data term, and the upload wherever it is as good as what GDR finds.",
             LdrParams(method="evidence", specular="glint", min_confidence=0.3),
             GdrParams(
-                data_weight=0.9,
-                levels=6,
+                data_weight=1.0,
+                levels=16,
                 warps=2,
                 iterations=12,
-                coarse_warps=9,
+                coarse_warps=8,
                 coarse_iterations=10,
                 averaging_px=3.5,
                 observed_only=True,
                 edge_level=15.0,
                 prior_weight=0.07,
-                fill_weight=0.15,
+                fill_weight=0.17,
                 reuse_margin=0.25,
                 tau=0.4,
                 sigma=0.3125,
@@ -137,7 +137,7 @@ class RefineParams(StageParams):
 def parse_params(given: Mapping[str, Any] | None = None) -> RefineParams:
     """Check parameters as a client sends them and complete them from their preset.
 
-    `initial="zero"` starts from 6 levels (the paper's ablation) unless `gdr.levels` is given.
+    `initial="zero"` starts from 6 levels or more (the paper's ablation) unless `gdr.levels` is given.
 
     Raises:
         InvalidParameter: a name is unknown, a value out of range; the message names all of them.
@@ -146,7 +146,7 @@ def parse_params(given: Mapping[str, Any] | None = None) -> RefineParams:
     preset = _preset(given.get("preset", DEFAULT_PRESET))
     local, globally, fusion = (_overrides(given, group) for group in ("ldr", "gdr", "fusion"))
     if given.get("initial") == "zero":
-        globally = {"levels": LEVELS_FROM_ZERO} | globally
+        globally = {"levels": max(LEVELS_FROM_ZERO, preset.gdr.levels)} | globally
     given["ldr"] = preset.ldr.model_dump() | local
     given["gdr"] = preset.gdr.model_dump() | globally
     given["fusion"] = preset.fusion.model_dump() | fusion

@@ -20,7 +20,7 @@ from stereomend.disparity import (
 )
 from stereomend.refinement.backends import Backend, Plane, Size, Solved, select_backend
 from stereomend.refinement.backends.coarse_to_fine import warps_of
-from stereomend.refinement.fusion import Fused, Readings, fuse
+from stereomend.refinement.fusion import Fused, Readings, fuse, grain_of
 from stereomend.refinement.gdr import prior_of, refine_globally, with_edges
 from stereomend.refinement.initial import choose_initial, match_semiglobally, uploaded
 from stereomend.refinement.ldr import Local, confidence_of, fill_unknown, refine_locally
@@ -164,8 +164,9 @@ def globally(
     solved = refine_globally(scene, prior, params.gdr, backend, steps)
     if not params.fusion.enabled or begun.start.kind == "zero":
         return solved, None
-    upload = backend.sample_sparse(begun.start.full, scene.size)
-    return solved, fuse(scene, Readings(upload, solved.u), params, backend)
+    full = begun.start.full
+    maps = Readings(backend.sample_sparse(full, scene.size), solved.u, grain_of(full))
+    return solved, fuse(scene, maps, params, backend)
 
 
 def start_from(

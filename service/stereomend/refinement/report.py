@@ -17,7 +17,7 @@ from stereomend.refinement.fusion import Fused, at_input_size
 from stereomend.refinement.ldr import Local, confidence_of
 from stereomend.refinement.params import Initial, RefineParams
 from stereomend.refinement.pyramid import Sparse, enlarge_disparity, enlarge_mask, level_sizes
-from stereomend.refinement.quality import halved, residuals, shares_of, warnings_of
+from stereomend.refinement.quality import residuals, sampled, shares_of, warnings_of
 from stereomend.refinement.scene import Scene
 
 
@@ -177,8 +177,8 @@ def _version() -> str:
 
 
 def _quality(trace: Trace, refined: Sparse, params: RefineParams, backend: Backend) -> dict[str, Any]:
-    levels = len(level_sizes(trace.scene.size, params.gdr.levels)) if "gdr" in params.stages else 0
-    readings = [Reading(trace.scene.right, *halved(sparse)) for sparse in (trace.start.working, refined)]
+    levels = len(level_sizes(trace.scene.size, params.gdr)) if "gdr" in params.stages else 0
+    readings = [Reading(trace.scene.right, *sampled(sparse)) for sparse in (trace.start.working, refined)]
     before, after = residuals(trace.scene.left, readings, backend)
     return {"levels": levels, "residual_before": before, "residual_after": after}
 

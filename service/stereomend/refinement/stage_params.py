@@ -109,7 +109,10 @@ class GdrParams(StageParams):
         le=100,
         description="epsilon, gradient where |.|_eps turns from square to norm [px/px] (Eq. 12)",
     )
-    levels: int = Field(4, ge=1, le=16, description="levels of the pyramid; small images get fewer [1]")
+    levels: int = Field(4, ge=1, le=16, description="most levels of the pyramid [1]")
+    least_side_px: int = Field(
+        8, ge=1, le=10000, description="no level but the finest has a shorter side [px of the level]"
+    )
     warps: int = Field(50, ge=1, le=1000, description="linearisations per level [1]")
     iterations: int = Field(5, ge=1, le=1000, description="primal-dual iterations per warp [1]")
     descriptor: Literal["signed", "absolute"] = Field(
@@ -140,10 +143,10 @@ class GdrParams(StageParams):
     edge_power: float = Field(1.0, gt=0, le=4, description="exponent of the colour difference [1] (R4)")
     edge_floor: float = Field(0.03, gt=0, le=1, description="least weight of the smoothness [1] (R4)")
     prior_weight: float = Field(
-        0.0, ge=0, le=100, description="weight of |u - prior| where confidence is 1 [1] (R3)"
+        0.0, ge=0, le=100, description="weight of |u - prior| where confidence is 1 [lambda] (R3)"
     )
     fill_weight: float = Field(
-        0.0, ge=0, le=100, description="weight of |u - prior| in filled occlusions [1] (R3)"
+        0.0, ge=0, le=100, description="weight of |u - prior| in filled occlusions [lambda] (R3)"
     )
     reuse_margin: float | None = Field(
         None,
@@ -225,7 +228,7 @@ class FusionParams(StageParams):
         description="GDR sees nothing below this share of the evidence around [1] (R10)",
     )
     spike_px: float = Field(
-        0.3,
+        0.18,
         gt=0,
         le=100,
         description="rise above both neighbours, as of no surface [px at working size] (R10)",
@@ -234,7 +237,7 @@ class FusionParams(StageParams):
         0.04, ge=0, le=1, description="share of spikes and holes around that makes it rough [1] (R10)"
     )
     step_px: float = Field(
-        0.8, gt=0, le=100, description="steps of a smooth surface [px at working size] (R10)"
+        1.2, gt=0, le=100, description="steps of a smooth surface [px at input size] (R10)"
     )
     soft_edge: float = Field(
         0.5, ge=0, le=1, description="smoothness weight below which the surface may jump [1] (R10)"

@@ -14,16 +14,13 @@ from stereomend.refinement.backends.base import Backend
 from stereomend.refinement.backends.data import Guide, Plane, Problem, ReuseRule, Size, Tick
 from stereomend.refinement.stage_params import GdrParams
 
-SMALLEST_SIDE = 8
-"""No level of a pyramid has a shorter side, in pixels, unless the finest has."""
 
-
-def level_sizes(size: Size, levels: int) -> list[Size]:
-    """Sizes of at most `levels` levels, finest first, each half of the one before, rounded up."""
+def level_sizes(size: Size, params: GdrParams) -> list[Size]:
+    """Sizes of the levels, finest first, each half of the one before, rounded up."""
     sizes = [size]
-    while len(sizes) < levels:
+    while len(sizes) < params.levels:
         height, width = ((side + 1) // 2 for side in sizes[-1])
-        if min(height, width) < SMALLEST_SIDE:
+        if min(height, width) < params.least_side_px:
             break
         sizes.append((height, width))
     return sizes
@@ -55,14 +52,14 @@ class _Level(NamedTuple):
 
 def warps_of(size: Size, params: GdrParams) -> int:
     """The warps of all levels together."""
-    levels = range(len(level_sizes(size, params.levels)))
+    levels = range(len(level_sizes(size, params)))
     return sum(schedule(params, level == 0).warps for level in levels)
 
 
 def coarse_to_fine(problem: Problem, params: GdrParams, backend: Backend, tick: Tick | None = None) -> Plane:
     """Solve the coarsest level from the prior, each finer one from the enlarged result; (H, W) px."""
     pyramid = [_Level(problem, problem.prior)]
-    for _ in level_sizes(problem.size, params.levels)[1:]:
+    for _ in level_sizes(problem.size, params)[1:]:
         pyramid.append(_coarser(pyramid[-1], params, backend))
     solve = partial(_solve, backend=backend, tick=tick)
     u = solve(pyramid[-1].problem, pyramid[-1].start, schedule(params, len(pyramid) == 1))

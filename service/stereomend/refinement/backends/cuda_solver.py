@@ -234,7 +234,7 @@ class Solver:
     def solve(self, inputs: Inputs, params: GdrParams) -> tuple[npt.NDArray[np.float32], dict[str, float]]:
         """The map (H, W) px, and the milliseconds of `COPIES`; all is enqueued, then waited for once."""
         size = (inputs.left.shape[0], inputs.left.shape[1])
-        buffers = self._reserve(inputs, level_sizes(size, params.levels))
+        buffers = self._reserve(inputs, level_sizes(size, params))
         levels = buffers.levels
         self._upload(inputs, buffers)
         for finer, coarser in pairwise(levels):

@@ -191,6 +191,10 @@ class Grounds(NamedTuple):
     """The upload hides it or shows it at a grazing angle, or something beside it."""
 
 
+_ROUNDED = 1.01
+"""Of a difference, as that of values that were rounded."""
+
+
 class ChoiceRule(NamedTuple):
     """The constants of R10; lengths in px at working size."""
 
@@ -209,8 +213,8 @@ class ChoiceRule(NamedTuple):
     """The most pixels of a patch that is dropped."""
 
     @classmethod
-    def of(cls, params: FusionParams, scale: float, pixels: int) -> ChoiceRule:
-        """For a picture of so many pixels at `scale` of the input's size."""
+    def of(cls, params: FusionParams, scale: float, pixels: int, grain_px: float = 0.0) -> ChoiceRule:
+        """For so many pixels at `scale` of the input's size, and an upload that is in steps of the grain."""
         return cls(
             near=params.near_px * scale,
             enough=1 - (params.max_doubt + params.low_doubt) / 2,
@@ -221,7 +225,7 @@ class ChoiceRule(NamedTuple):
             weak_share=params.weak_share,
             spike=params.spike_px,
             rough_share=params.rough_share,
-            step=params.step_px,
+            step=max(params.step_px, _ROUNDED * grain_px) * scale,
             soft_edge=params.soft_edge,
             largest_patch=int(params.patch_share * pixels),
         )
