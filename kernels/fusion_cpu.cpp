@@ -232,10 +232,12 @@ void settle(const Rivals& in, const Grounds& grounds, const ChoiceRule& rule, in
         const int high = flag(level[x] >= limits.high_trust);
         const int enough = flag(level[x] > limits.enough);
         const float margin = limits.win_margin - fall * ramp(level[x], limits.full_trust, slope);
-        const int wins = flag(five(leads + x) > margin) & shown[x];
+        const int better = flag(five(leads + x) > margin);
+        const int wins = better & shown[x];
         const int strong = flag(five(levels + x) >= limits.weak_share * usual[x]) & u_shown[x] & (1 - glints[x]);
-        const int comparable = shown[x] & (1 - ((beside[x] | smeared[x]) & high));
-        const int contradicted = strong & (1 - close) & (1 - wins) & (comparable | (1 - high));
+        const int asked = 1 - ((beside[x] | smeared[x]) & high);
+        const int comparable = shown[x] & asked;
+        const int contradicted = strong & (1 - close) & (1 - (better & (shown[x] | high))) & asked;
         const int decided = close ? u_shown[x] : strong & comparable;
         const float found = close ? equal[x] : static_cast<float>(enough & wins);
         share[x] = decided ? found : -1.0f;

@@ -105,7 +105,8 @@ def _grounds(judge: _Judge, rivals: Rivals, polls: Polls, glints: Mask) -> Groun
     ground = backend.ground(polls, scene.size, GroundRule.of(judge.params, scene.size[1]))
     edge = np.ones_like(rivals.u) if scene.edge is None else scene.edge
     hidden = (rivals.valid & ~rivals.upload_shown) | hardly_shown(rivals.upload, rivals.valid)
-    return Grounds(*ground, edge, glints, _grown(hidden, _BESIDE_HIDDEN))
+    beside = _grown(hidden, _BESIDE_HIDDEN) & _grown(~hidden, _BESIDE_HIDDEN)
+    return Grounds(*ground, edge, glints, beside)
 
 
 def hardly_shown(u: Plane, valid: Mask) -> Mask:

@@ -83,9 +83,11 @@ class Loops(NamedTuple):
         high = level >= rule.high_trust
         if not rivals.u_shown[y, x] or grounds.glints[y, x] or n < rule.weak_share * grounds.usual[y, x]:
             return None, True
-        if not rivals.upload_shown[y, x] or (high and (grounds.beside[y, x] or self.is_smeared(y, x))):
-            return None, high
+        if high and (grounds.beside[y, x] or self.is_smeared(y, x)):
+            return None, True
         margin = np.interp(level, [rule.full_trust, rule.high_trust], [rule.win_margin, -rule.trusted_margin])
+        if not rivals.upload_shown[y, x]:
+            return None, high and lead > margin
         return float(level > rule.enough and lead > margin), lead > margin
 
     def is_near(self, y, x):

@@ -89,7 +89,7 @@ class ReuseRule(NamedTuple):
 
     margin: float
     """Its evidence is larger by more than this."""
-    least: float = 0.3
+    least: float = 0.5
     """And its evidence is over this: a map that the pair contradicts replaces nothing."""
     apart: float = 0.5
     """And the two differ by more than this, px; nearer readings compete in the solver itself."""
@@ -188,7 +188,7 @@ class Grounds(NamedTuple):
     glints: Mask
     """A glint, or beside one."""
     beside: Mask
-    """The upload hides it or shows it at a grazing angle, or something beside it."""
+    """Windows see both what the upload shows and what it hides or shows at a grazing angle."""
 
 
 _ROUNDED = 1.01

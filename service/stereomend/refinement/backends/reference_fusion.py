@@ -105,10 +105,12 @@ def _settle(rivals: Rivals, grounds: Grounds, rule: ChoiceRule) -> _Settled:
     margin = rule.win_margin - (rule.win_margin + rule.trusted_margin) * ramp(
         level, rule.full_trust, rule.high_trust
     )
-    wins = rivals.upload_shown & (mean_5x5(rivals.for_upload - n) > margin)
+    better = mean_5x5(rivals.for_upload - n) > margin
+    wins = rivals.upload_shown & better
     strong = rivals.u_shown & ~grounds.glints & (mean_5x5(n) >= rule.weak_share * grounds.usual)
-    comparable = rivals.upload_shown & ~((grounds.beside | smeared(rivals, rule.near)) & high)
-    contradicted = strong & ~close & ~wins & (comparable | ~high)
+    excused = (grounds.beside | smeared(rivals, rule.near)) & high
+    comparable = rivals.upload_shown & ~excused
+    contradicted = strong & ~close & ~(better & (rivals.upload_shown | high)) & ~excused
     uncontradicted = rivals.valid & ~contradicted
     uneven = spikes(np.asarray(rivals.upload, np.float64), rule.spike) | ~rivals.valid
     return _Settled(
