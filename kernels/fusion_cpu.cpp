@@ -73,11 +73,15 @@ void poll(const Rivals& in, const PollMarks& marks, const PollRule& rule, int ro
         }
 }
 
-// Above or below both neighbours by more than `height`.
+constexpr float kAlike = 20.0f;  // of both sides of a spike: the larger rise is at most so many times the smaller
+
+// Above or below both neighbours by more than `height`, and on both sides alike: the foot of a jump is no spike.
 PIXEL_FN int stands_out(float value, float before, float after, float height) {
     const float up = value - before;
     const float down = value - after;
-    return flag(smaller(up, down) > height) | flag(larger(up, down) < -height);
+    const float least = smaller(fabsf(up), fabsf(down));
+    const float most = larger(fabsf(up), fabsf(down));
+    return flag(up * down > 0.0f) & flag(least > height) & flag(most <= kAlike * least);
 }
 
 PIXEL_FN int goes_on(float value, float before, float after, float step) {

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from stereomend import refine
-from stereomend.phantom import good_disparity, make_phantom
+from stereomend.phantom import break_disparity, good_disparity, make_phantom
 from stereomend.refinement import parse_params
 from stereomend.refinement.backends import ChoiceRule
 from stereomend.refinement.fusion import grain_of, hardly_shown
@@ -17,6 +17,7 @@ ONCE_WORSE = {
     "a map that leads over the right edge of a shaft": (9003023, "smooth"),
     "the rim of a lobe, seen at a grazing angle": (14004023, "quantised"),
     "a shaft that leaves the frame aslant": (13002023, "blurred"),
+    "the foot of a shaft before a surface that rises": (77013023, "smooth"),
 }
 
 
@@ -37,6 +38,14 @@ def test_a_good_map_of_full_size_is_not_made_worse(reason):
     good = good_disparity(phantom, seed, kind).values
     refined = refine(phantom.pair.left, phantom.pair.right, good, preset="robust").disparity
     assert rmse(refined, phantom.truth) <= 1.25 * rmse(good, phantom.truth)
+
+
+def test_a_false_patch_that_hides_itself_does_not_stay():
+    """It is lower than all around, and the right image shows something else in its place."""
+    phantom = make_phantom(52617005, 1100, 1024, max_disparity=100)
+    broken = break_disparity(phantom, 52617005, ["regions", "spikes", "holes", "border"]).values
+    refined = refine(phantom.pair.left, phantom.pair.right, broken, preset="robust").disparity
+    assert rmse(refined, phantom.truth) < 0.8
 
 
 @pytest.mark.parametrize("width", [1, 3, 4, 5, 40])

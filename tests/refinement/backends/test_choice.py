@@ -45,9 +45,11 @@ class Loops(NamedTuple):
         return [*across, u[y - 1 : y + 2, x]] if 0 < y < height - 1 else across
 
     def is_spike(self, y, x):
+        rises = ((here - a, here - b) for a, here, b in self.steps_around(y, x))
         return any(
-            here > max(a, b) + self.rule.spike or here < min(a, b) - self.rule.spike
-            for a, here, b in self.steps_around(y, x)
+            (min(rise) > self.rule.spike or max(rise) < -self.rule.spike)
+            and max(map(abs, rise)) <= 20 * min(map(abs, rise))
+            for rise in rises
         )
 
     def is_straight(self, y, x):

@@ -232,6 +232,16 @@ def test_more_than_nine_spikes_in_225_pixels_make_it_rough(backend, height):
 
 
 @EVERY_BACKEND
+@pytest.mark.parametrize(("jump", "rough"), [(8, True), (12, False)])
+def test_the_foot_of_a_jump_is_no_spike_though_the_surface_rises_from_it(backend, jump, rough):
+    """A valley of one row, 0.5 px deep on its other side: as far up to both sides it would be spikes."""
+    rows = np.abs(np.arange(SIZE[0]) - 11.0)
+    valley = 20 + np.where(np.arange(SIZE[0]) < 11, jump, 0.5 * np.minimum(rows, 2))
+    found = unseen(backend, np.broadcast_to(valley[:, None], SIZE), u=20, usual=2.0)
+    assert (found[9:14, 30:].max() == 0) == rough
+
+
+@EVERY_BACKEND
 def test_holes_make_it_rough_as_spikes_do_and_are_never_the_uploads(backend):
     holes, spikes = marked(SPIKES[:5]), marked(SPIKES[5:])
     found = unseen(backend, np.where(holes, 0, 5 + 0.5 * spikes), valid=~holes)

@@ -32,6 +32,7 @@ Array = npt.NDArray[np.float64]
 
 _SEEN = 4  # px that what is compared of a pixel reaches to each side
 _AROUND = 7  # px on each side of the window that roughness is looked for in
+_ALIKE = 20  # times as far from one neighbour as from the other; at the foot of a jump more
 _HARDLY = 1e-4  # of a pixel: rounding shall not decide whether a count is over a share
 
 
@@ -131,12 +132,13 @@ def smeared(rivals: Rivals, least: float) -> Mask:
 
 
 def spikes(u: Array, height: float) -> Mask:
-    """Above or below both neighbours of the row, or of the column, by more than `height`."""
+    """Above or below both neighbours of the row, or of the column, by more than `height`, and by alike."""
     found = np.zeros(u.shape, np.bool_)
     for axis in (0, 1):
         step, flags = np.moveaxis(np.diff(u, axis=axis), axis, 0), np.moveaxis(found, axis, 0)
         back, forth = step[:-1], -step[1:]
-        flags[1:-1] |= (np.minimum(back, forth) > height) | (np.maximum(back, forth) < -height)
+        least, most = (of(np.abs(back), np.abs(forth)) for of in (np.minimum, np.maximum))
+        flags[1:-1] |= (np.sign(back) == np.sign(forth)) & (least > height) & (most <= _ALIKE * least)
     return found
 
 
