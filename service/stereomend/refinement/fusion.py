@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from stereomend.disparity import Mask
 from stereomend.opencv import cv2
@@ -35,8 +36,12 @@ from stereomend.refinement.stage_params import FusionParams
 _ROWS = 64
 _AROUND_HIDDEN = 2  # px that a descriptor and its window see of what is hidden
 _BESIDE_HIDDEN = 4  # px that a window sees of it where two readings are compared
+_WINDOW = 27, 7  # px, and rows `ROWS_APART`; a few matches of GDR's together may be there by chance
 _STEEP = 2.0  # px of rise over 4: the right image shows them on 2
 _AROUND_GLINTS = 4  # px
+
+
+ROWS_APART = 4
 
 
 class Readings(NamedTuple):
@@ -102,11 +107,31 @@ def _rivals(judge: _Judge, maps: Readings) -> Rivals:
 
 def _grounds(judge: _Judge, rivals: Rivals, polls: Polls, glints: Mask) -> Grounds:
     scene, backend = judge.scene, judge.backend
-    ground = backend.ground(polls, scene.size, GroundRule.of(judge.params, scene.size[1]))
+    level, equal, usual = backend.ground(polls, scene.size, GroundRule.of(judge.params, scene.size[1]))
     edge = np.ones_like(rivals.u) if scene.edge is None else scene.edge
     hidden = (rivals.valid & ~rivals.upload_shown) | hardly_shown(rivals.upload, rivals.valid)
-    beside = _grown(hidden, _BESIDE_HIDDEN) & _grown(~hidden, _BESIDE_HIDDEN)
-    return Grounds(*ground, edge, glints, beside)
+    inside = hidden & ~_grown(~hidden, _BESIDE_HIDDEN)
+    beside = _grown(hidden, _BESIDE_HIDDEN) & ~(inside & _seen_through(judge, rivals, hidden, usual))
+    return Grounds(level, equal, usual, edge, glints, beside)
+
+
+def _seen_through(judge: _Judge, rivals: Rivals, hidden: Mask, usual: Plane) -> Mask:
+    """Where GDR really sees something else in most of what the upload hides around, (H, W)."""
+    params, some = judge.params, slice(None, None, ROWS_APART)  # they tell as much as all
+    upload, u, n = (plane[some] for plane in (rivals.upload, rivals.u, rivals.for_u))
+    apart = np.abs(upload - u) >= params.near_px * judge.scale
+    seen = hidden[some] & rivals.u_shown[some] & apart & (n >= params.weak_share * usual[some])
+    return np.repeat(mostly(seen, hidden[some]), ROWS_APART, axis=0)[: hidden.shape[0]]
+
+
+def mostly(part: Mask, whole: Mask) -> Mask:
+    """Where more than half of `whole` around is `part`; of every `ROWS_APART`th row of a picture, (H, W)."""
+    return np.asarray(2 * _count_around(part) > _count_around(whole), np.bool_)
+
+
+def _count_around(mask: Mask) -> npt.NDArray[np.uint16]:
+    counts = cv2.boxFilter(np.ascontiguousarray(mask).view(np.uint8), cv2.CV_16U, _WINDOW, normalize=False)
+    return np.asarray(counts, np.uint16).reshape(mask.shape)
 
 
 def hardly_shown(u: Plane, valid: Mask) -> Mask:

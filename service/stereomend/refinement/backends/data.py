@@ -188,7 +188,7 @@ class Grounds(NamedTuple):
     glints: Mask
     """A glint, or beside one."""
     beside: Mask
-    """Windows see both what the upload shows and what it hides or shows at a grazing angle."""
+    """What the upload hides or shows at a grazing angle, and beside it; not where it is seen through."""
 
 
 _ROUNDED = 1.01
