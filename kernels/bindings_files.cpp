@@ -78,7 +78,7 @@ void bind_files(nb::module_& m) {
     m.def("unfilter", &unfiltered, "filtered"_a.noconvert(), "height"_a, "stride"_a, "bytes_per_pixel"_a,
           "The bytes of a PNG's samples, (height, stride), from height rows of 1 + stride filtered ones.");
     m.def("filter_levels", &filtered_levels, "plane"_a.noconvert(), "scale"_a,
-          "Rows of a PNG of 16 bits, filtered, (height, 1 + 2 * width), of values from 0 to 65535 / scale.");
+          "Rows of a PNG of 16 bits, filtered, (height, 1 + 2 * width): plane * scale within 1 and 65535.");
 }
 
 }  // namespace stereomend

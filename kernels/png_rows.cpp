@@ -77,13 +77,16 @@ void end_wide_vectors() {
 }
 
 constexpr uint8_t kUp = 2;
+constexpr float kMost = 65535.0f;
 constexpr float kWhole = 12582912.0f;  // 1.5 * 2^23: floats of this size have no fraction
 
 // Big-endian, as a PNG stores them.
 void levels_of(const float* row, size_t width, float scale, uint16_t* out) {
     for (size_t x = 0; x < width; ++x) {
         const float rounded = (row[x] * scale + kWhole) - kWhole;
-        const int level = static_cast<int>(rounded < 1.0f ? 1.0f : rounded);
+        // What is no number becomes 1.
+        const float least = rounded > 1.0f ? rounded : 1.0f;
+        const int level = static_cast<int>(least < kMost ? least : kMost);
         out[x] = static_cast<uint16_t>(level >> 8 | level << 8);
     }
 }

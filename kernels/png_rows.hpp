@@ -17,8 +17,8 @@ struct PngRows {
 // number of its filter; out: (height, stride) [out]. False where a row has a filter that PNG does not define.
 bool unfilter(const PngRows& rows, const uint8_t* filtered, uint8_t* out);
 
-// A plane of `width` values from 0 to 65535 / scale as grey levels value * scale, rounded to even and at least 1, in
-// height rows of 1 + 2 * width bytes [out] with the filter Up: smooth planes become nearly all zero.
+// A plane as grey levels value * scale, rounded, halves to even, and no less than 1 nor more than 65535, in height rows
+// of 1 + 2 * width bytes [out] with the filter Up: smooth planes become nearly all zero.
 void filter_levels(const float* plane, size_t height, size_t width, float scale, uint8_t* out);
 
 }  // namespace stereomend

@@ -1,5 +1,7 @@
 // A fuzz target over all entry points of the kernels: any bits as grey levels and disparities, any small size.
 #include <algorithm>
+#include <cmath>
+#include <cstdlib>
 #include <cstring>
 
 #include "../../kernels/png_chunks.hpp"
@@ -44,6 +46,22 @@ void unfilter_any(Bytes& bytes) {
     stereomend::unfilter(rows, filtered.data(), out.data());
 }
 
+// Any floats as levels, which come back between their bounds.
+void filter_any(Bytes& bytes) {
+    const size_t height = 1 + bytes.upto(9);
+    const size_t width = 1 + bytes.upto(kLargestSide);
+    std::vector<float> plane(height * width);
+    for (float& value : plane) value = bytes.next<float>();
+    std::vector<uint8_t> filtered(height * (1 + 2 * width)), out(height * 2 * width);
+    stereomend::filter_levels(plane.data(), height, width, 256.0f, filtered.data());
+    if (!stereomend::unfilter({height, 2 * width, 2}, filtered.data(), out.data())) std::abort();
+    for (size_t i = 0; i < plane.size(); ++i) {
+        const float level = static_cast<float>(out[2 * i] << 8 | out[2 * i + 1]);
+        const float wanted = std::min(std::max(1.0f, plane[i] * 256.0f), 65535.0f);
+        if (level < 1.0f || std::fabs(level - wanted) > 0.5f) std::abort();
+    }
+}
+
 // Any bytes as chunks, in memory of exactly their size.
 void find_any_chunks(Bytes& bytes) {
     std::vector<uint8_t> file(bytes.upto(255));
@@ -71,6 +89,7 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
         for (float& value : *plane)
             if (bytes.upto(7) == 0) value = bytes.next<float>();
     unfilter_any(bytes);
+    filter_any(bytes);
     find_any_chunks(bytes);
     run_all(engine, scene, params);
     return 0;
