@@ -48,10 +48,10 @@ def test_the_highest_provenance_that_applies_is_stored(backend):
 
 
 def test_a_sample_of_the_rows_tells_the_residual_of_all(backend):
-    phantom = make_phantom(5, 640, 512)
+    phantom = make_phantom(5, 400, 320)
     left, right = (backend.grey(image, image.shape[:2]) for image in (phantom.pair.left, phantom.pair.right))
     true = Sparse(backend.plane(phantom.truth), np.ones(phantom.truth.shape, bool))
-    off = true._replace(u=backend.plane(phantom.truth + 1))
+    off = true._replace(u=backend.plane(phantom.truth + 0.5))
     whole, some = (
         residuals(left, [Reading(right, *of(sparse)) for sparse in (true, off)], backend)
         for of in (lambda sparse: sparse, sampled)

@@ -30,10 +30,9 @@ from stereomend.refinement.backends import (
 )
 from stereomend.refinement.params import RefineParams
 from stereomend.refinement.pyramid import Sparse
-from stereomend.refinement.scene import Scene
+from stereomend.refinement.scene import Scene, in_bands
 from stereomend.refinement.stage_params import FusionParams
 
-_ROWS = 64
 _AROUND_HIDDEN = 2  # px that a descriptor and its window see of what is hidden
 _BESIDE_HIDDEN = 4  # px that a window sees of it where two readings are compared
 _WINDOW = 27, 7  # px, and rows `ROWS_APART`; a few matches of GDR's together may be there by chance
@@ -50,7 +49,7 @@ class Readings(NamedTuple):
     upload: Sparse
     """Sampled, not averaged: a mean of two surfaces would lie on neither."""
     u: Plane
-    grain_px: float = 0.0
+    grain_px: float
     """What values of the upload are whole multiples of, px of the input; 0: of nothing."""
 
 
@@ -151,10 +150,7 @@ def _continued(judge: _Judge, u: Plane, polls: Polls) -> Plane:
 
 def grain_of(upload: Sparse) -> float:
     """1 if the upload (H, W) is in whole pixels, as maps of 8 bits are, else 0."""
-    # Others show it in the first rows that are looked at.
-    tops = range(0, upload.u.shape[0], _ROWS)
-    parts = (upload.u[top : top + _ROWS] for top in tops)
-    return float(all((part == np.rint(part)).all() for part in parts))
+    return float(all((band == np.rint(band)).all() for band in in_bands(upload.u)))
 
 
 def _grown(mask: Mask, by: int) -> Mask:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import reduce
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -63,8 +63,12 @@ def is_coloured(image: Image) -> bool:
     """Whether any pixel differs between the channels."""
     if image.ndim == 2:
         return False
-    # Coloured images show it in the first rows that are looked at.
-    return any(_rows_coloured(image[top : top + _ROWS]) for top in range(0, image.shape[0], _ROWS))
+    return any(map(_rows_coloured, in_bands(image)))
+
+
+def in_bands(plane: npt.NDArray[Any]) -> Iterator[npt.NDArray[Any]]:
+    """Some rows after the other, from the top: for questions that the first ones mostly answer."""
+    return (plane[top : top + _ROWS] for top in range(0, plane.shape[0], _ROWS))
 
 
 def _rows_coloured(rows: Image) -> bool:

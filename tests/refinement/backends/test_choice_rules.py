@@ -242,19 +242,20 @@ def test_at_a_corner_only_the_pixels_inside_the_picture_count(backend):
     assert (unseen(backend, 5 + 0.5 * spikes) == ~marked([(0, 47), (0, 46), (1, 47)])).all()
 
 
-@pytest.mark.parametrize("reason", ["weak", "glint", "beside"])
+@pytest.mark.parametrize("reason", ["weak", "glint", "beside", "hidden"])
 def test_where_u_sees_nothing_that_counts_the_upload_is_what_can_be_reached(backend, reason):
     """The evidence of the upload would lose; `beside` what a highly trusted upload hides it is not asked."""
     there = (X >= 20) & (X < 30)
     changes = {
         "weak": {"for_u": 0.47, "for_upload": 0},
         "glint": {"glints": UNSEEN, "for_upload": 0},
-        "beside": {"beside": UNSEEN, "upload_shown": ~UNSEEN, "for_upload": 0},
+        "beside": {"beside": UNSEEN, "for_upload": 0},
+        "hidden": {"beside": UNSEEN, "upload_shown": ~UNSEEN, "for_upload": 0},
     }[reason]
     facts = dict(upload=np.where(there, 5.5, 9 * UNSEEN + 5), u=np.where(there, 9, 5), **changes)
     found = backend.choose(*told(**facts), RULE)
     assert (found == (X < 30)).all()
-    seen = {"weak": {"for_u": 0.49}, "glint": {"glints": False}, "beside": {"level": 0.8}}[reason]
+    seen = {"weak": {"for_u": 0.49}, "glint": {"glints": False}}.get(reason, {"level": 0.8})
     assert (backend.choose(*told(**facts | seen), RULE) == ~UNSEEN).all()
 
 
