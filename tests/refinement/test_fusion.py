@@ -8,8 +8,8 @@ import pytest
 from stereomend import refine
 from stereomend.phantom import break_disparity, good_disparity, make_phantom
 from stereomend.refinement import parse_params
-from stereomend.refinement.backends import ChoiceRule
-from stereomend.refinement.fusion import grain_of, hardly_shown, mostly
+from stereomend.refinement.backends import ChoiceRule, Rivals
+from stereomend.refinement.fusion import grain_of, hardly_shown, mostly, without_chance
 from stereomend.refinement.pyramid import Sparse
 
 ONCE_WORSE = {
@@ -47,6 +47,34 @@ def test_a_false_patch_that_hides_itself_does_not_stay():
     broken = break_disparity(phantom, 52617005, ["regions", "spikes", "holes", "border"]).values
     refined = refine(phantom.pair.left, phantom.pair.right, broken, preset="robust").disparity
     assert rmse(refined, phantom.truth) < 0.8
+
+
+@pytest.mark.parametrize(
+    ("seed", "damages"), [(4242016, ["border"]), (4242027, ["spikes", "holes", "border"])]
+)
+def test_a_false_border_does_not_stay_where_parts_of_it_join_the_truth(seed, damages):
+    """Nothing beyond the frame can be seen; a few rows of it were believed, and off by several pixels."""
+    phantom = make_phantom(seed, 640, 512, max_disparity=40)
+    broken = break_disparity(phantom, seed, damages).values
+    refined = refine(phantom.pair.left, phantom.pair.right, broken, preset="robust").disparity
+    assert rmse(refined, phantom.truth) < 0.2
+
+
+@pytest.mark.parametrize(("believed", "stays"), [(24, False), (25, True), (60, True), (100, True)])
+def test_beyond_the_frame_less_than_a_quarter_is_chance(believed, stays):
+    """Ten rows of ten pixels, of 20, whose match lies left of the frame; half of one more is seen."""
+    u = np.full((12, 20), 10, np.float32)
+    u[10:] = 0
+    nothing, shown = np.zeros_like(u), np.zeros(u.shape, np.bool_)
+    shown[:, 10:] = True
+    share = np.ones_like(u)
+    share[:10, :10] = (np.arange(100) < believed).reshape(10, 10)
+    u[11, :10], shown[11, :5] = 10, True
+    share[11, 5:10] = believed / 100 > 0.24
+    rivals = Rivals(u, u > 0, u, nothing, nothing, shown, shown)
+    found = without_chance(share, rivals, 0.25)
+    hidden = (np.arange(20) < u) & ~shown
+    assert (found == np.where(hidden & (not stays), 0, share)).all()
 
 
 def test_most_is_more_than_half_of_the_pixels_around():

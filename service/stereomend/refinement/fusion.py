@@ -94,7 +94,8 @@ def fuse(scene: Scene, maps: Readings, params: RefineParams, backend: Backend) -
     polls = backend.poll(rivals, scene.matte, spoilt, PollRule.of(params.fusion, judge.scale))
     choice = ChoiceRule.of(params.fusion, judge.scale, maps.u.size, maps.grain_px)
     share = backend.choose(rivals, _grounds(judge, rivals, polls, glints), choice)
-    return Fused(_continued(judge, maps.u, polls), share, maps.upload)
+    kept = without_chance(share, rivals, params.fusion.least_believed)
+    return Fused(_continued(judge, maps.u, polls), kept, maps.upload)
 
 
 def _rivals(judge: _Judge, maps: Readings) -> Rivals:
@@ -131,6 +132,22 @@ def mostly(part: Mask, whole: Mask) -> Mask:
 def _count_around(mask: Mask) -> npt.NDArray[np.uint16]:
     counts = cv2.boxFilter(np.ascontiguousarray(mask).view(np.uint8), cv2.CV_16U, _WINDOW, normalize=False)
     return np.asarray(counts, np.uint16).reshape(mask.shape)
+
+
+def without_chance(share: Plane, rivals: Rivals, least: float) -> Plane:
+    """The share (H, W), and 0 beyond the right image's frame if less than `least` there is believed.
+
+    A part that joins what both maps agree on does so by chance where the rest does not.
+    """
+    strip = np.s_[:, : max(1, int(rivals.u.max()) + 1)]
+    u, shown, part = rivals.u[strip], rivals.upload_shown[strip], share[strip]
+    beyond = (np.arange(u.shape[1]) < u) & ~shown
+    believed = beyond & (part > HALF)
+    if believed.sum() >= least * beyond.sum():
+        return share
+    kept = share.copy()
+    kept[strip][beyond] = 0
+    return kept
 
 
 def hardly_shown(u: Plane, valid: Mask) -> Mask:

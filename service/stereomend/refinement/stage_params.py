@@ -228,7 +228,7 @@ class FusionParams(StageParams):
         description="GDR sees nothing below this share of the evidence around [1] (R10)",
     )
     spike_px: float = Field(
-        0.18,
+        0.16,
         gt=0,
         le=100,
         description="rise above both neighbours, as of no surface [px at working size] (R10)",
@@ -247,6 +247,12 @@ class FusionParams(StageParams):
         ge=0,
         le=1,
         description="patches of the upload up to this size are dropped [share of the picture] (R10)",
+    )
+    least_believed: float = Field(
+        0.25,
+        ge=0,
+        le=1,
+        description="share of what lies beyond the frame, below which none of it is believed [1] (R10)",
     )
     reach: float = Field(
         0.8, gt=0, le=10, description="window of the plane fit, in large disparities [1] (R7)"
