@@ -19,6 +19,7 @@ PIXEL_FN float multiply_add(float a, float b, float c) {
 #endif
 }
 
+PIXEL_FN float level_of(float sample) { return sample; }
 PIXEL_FN float level_of(uint8_t sample) { return static_cast<float>(sample); }
 PIXEL_FN float level_of(uint16_t sample) { return static_cast<float>(sample) / 257.0f; }
 
@@ -43,20 +44,11 @@ void grey_row(const Sample* from, int width, float* out) {
 }
 
 template <class Sample>
-void colour_row(const Sample* from, int width, float* out) {
-    for (int x = 0; x < width; ++x) {
-        for (int k = 0; k < 3; ++k) out[4 * x + k] = level_of(from[3 * x + k]);
-        out[4 * x + 3] = 0.0f;
-    }
-}
-
-template <class Sample>
 const float* levels_row(const Samples& from, int y, float* out) {
     const int width = from.size.width;
     const Sample* row = static_cast<const Sample*>(from.data) + static_cast<long>(y) * width * from.channels;
     if (from.channels == 1) single_row(row, width, out);
-    else if (from.grey) grey_row(row, width, out);
-    else colour_row(row, width, out);
+    else grey_row(row, width, out);
     return out;
 }
 
@@ -73,26 +65,27 @@ void halve_along(const float* row, const Cover& cover, float* out) {
     for (int x = 0; x < cover.count; ++x) out[x] = row[2 * x] * 0.5f + row[2 * x + 1] * 0.5f;
 }
 
-template <class Value, int Taps>
-void shrink_along(const Value* row, const Cover& cover, Value* out) {
+// Of pixels of `Channels` floats; what comes after the third of three is read, and not used.
+template <class Value, int Channels, int Taps>
+void shrink_along(const float* row, const Cover& cover, Value* out) {
     const int taps = Taps > 0 ? Taps : cover.taps;
+    const auto at = [](const float* place) { return *reinterpret_cast<const Value*>(place); };
     for (int x = 0; x < cover.count; ++x) {
-        const Value* from = row + cover.first[x];
+        const float* from = row + static_cast<long>(Channels) * cover.first[x];
         const float* weight = cover.weight + static_cast<long>(x) * taps;
-        Value sum = from[0] * weight[0];
-        for (int k = 1; k < taps; ++k) sum += from[k] * weight[k];
+        Value sum = at(from) * weight[0];
+        for (int k = 1; k < taps; ++k) sum += at(from + Channels * k) * weight[k];
         out[x] = sum;
     }
 }
 
-template <class Value>
+template <class Value, int Channels>
 void along(const float* row, const Cover& cover, float* out) {
-    const Value* from = reinterpret_cast<const Value*>(row);
     Value* to = reinterpret_cast<Value*>(out);
-    if (cover.taps == 1) shrink_along<Value, 1>(from, cover, to);
-    else if (cover.taps == 2) shrink_along<Value, 2>(from, cover, to);
-    else if (cover.taps == 3) shrink_along<Value, 3>(from, cover, to);
-    else shrink_along<Value, 0>(from, cover, to);
+    if (cover.taps == 1) shrink_along<Value, Channels, 1>(row, cover, to);
+    else if (cover.taps == 2) shrink_along<Value, Channels, 2>(row, cover, to);
+    else if (cover.taps == 3) shrink_along<Value, Channels, 3>(row, cover, to);
+    else shrink_along<Value, Channels, 0>(row, cover, to);
 }
 
 // Apart again, with the grey level of each pixel.
@@ -110,67 +103,73 @@ void split_row(const float* row, int width, long o, const Shrunk& out) {
     }
 }
 
-// Rows at their new width, as far as a band has come.
+// Adds a share of a row to a sum.
+template <class Sample>
+void add_row(const Sample* row, long count, float share, bool first, float* sum) {
+    if (first) {
+#pragma GCC ivdep
+        for (long i = 0; i < count; ++i) sum[i] = level_of(row[i]) * share;
+    } else {
+#pragma GCC ivdep
+        for (long i = 0; i < count; ++i) sum[i] += level_of(row[i]) * share;
+    }
+}
+
+// Rows of a plane at their new width, as far as a band has come.
 class Shrinking {
 public:
     Shrinking(const Samples& from, const Cover& columns, const Cover& rows, float* scratch)
-        : from_(from), columns_(columns), rows_(rows), values_(values_of(from)), stride_(1L * values_ * columns.count),
-          loaded_(scratch), ring_(scratch + static_cast<long>(values_) * from.size.width),
-          result_(ring_ + rows.taps * stride_) {}
+        : from_(from), columns_(columns), rows_(rows), loaded_(scratch), ring_(scratch + from.size.width) {}
 
-    void run(Rows band, const Shrunk& out) {
+    void run(Rows band, float* out) {
         int next = rows_.first[band.begin];
         for (int y = band.begin; y < band.end; ++y) {
             const int first = rows_.first[y];
             for (next = next > first ? next : first; next < first + rows_.taps; ++next) narrow(next);
-            write(y, first, out);
+            const float* weight = rows_.weight + static_cast<long>(y) * rows_.taps;
+            float* to = out + static_cast<long>(y) * columns_.count;
+            for (int k = 0; k < rows_.taps; ++k) add_row(row(first + k), columns_.count, weight[k], k == 0, to);
         }
     }
 
 private:
-    float* row(int y) const { return ring_ + (y % rows_.taps) * stride_; }
+    float* row(int y) const { return ring_ + (y % rows_.taps) * static_cast<long>(columns_.count); }
 
     void narrow(int y) {
         const float* loaded = load_row(from_, y, loaded_);
-        if (values_ == 4) along<Four>(loaded, columns_, row(y));
-        else if (columns_.taps == 2 && 2 * columns_.count == from_.size.width) halve_along(loaded, columns_, row(y));
-        else along<float>(loaded, columns_, row(y));
-    }
-
-    void write(int y, int first, const Shrunk& out) {
-        const long o = static_cast<long>(y) * columns_.count;
-        float* to = values_ == 4 ? result_ : out.plane[0] + o;
-        const float* weight = rows_.weight + static_cast<long>(y) * rows_.taps;
-        for (int k = 0; k < rows_.taps; ++k) {
-            const float* covered = row(first + k);
-            add_row(covered, weight[k], k == 0, to);
-        }
-        if (values_ == 4) split_row(result_, columns_.count, o, out);
-    }
-
-    void add_row(const float* covered, float share, bool first, float* to) const {
-        if (first) {
-#pragma GCC ivdep
-            for (long x = 0; x < stride_; ++x) to[x] = covered[x] * share;
-        } else {
-#pragma GCC ivdep
-            for (long x = 0; x < stride_; ++x) to[x] += covered[x] * share;
-        }
+        if (columns_.taps == 2 && 2 * columns_.count == from_.size.width) halve_along(loaded, columns_, row(y));
+        else along<float, 1>(loaded, columns_, row(y));
     }
 
     const Samples& from_;
     const Cover& columns_;
     const Cover& rows_;
-    const int values_;
-    const long stride_;
     float* const loaded_;
     float* const ring_;
-    float* const result_;
 };
+
+// Three channels, down before along: so all steps but the last take samples side by side as they lie.
+template <class Sample>
+void shrink_colours(const Samples& from, const Cover& columns, const Cover& rows, Rows band, float* scratch,
+                    const Shrunk& out) {
+    const long count = 3L * from.size.width;
+    float* sum = scratch;
+    float* result = scratch + 4L * from.size.width;
+    for (int y = band.begin; y < band.end; ++y) {
+        const float* weight = rows.weight + static_cast<long>(y) * rows.taps;
+        const Sample* row = static_cast<const Sample*>(from.data) + rows.first[y] * count;
+        for (int k = 0; k < rows.taps; ++k) add_row(row + k * count, count, weight[k], k == 0, sum);
+        along<Four, 3>(sum, columns, result);
+        split_row(result, columns.count, static_cast<long>(y) * columns.count, out);
+    }
+}
 
 void shrink(const Samples& from, const Cover& columns, const Cover& rows, Rows band, float* scratch,
             const Shrunk& out) {
-    if (band.begin < band.end) Shrinking(from, columns, rows, scratch).run(band, out);
+    if (band.begin >= band.end) return;
+    if (values_of(from) == 1) Shrinking(from, columns, rows, scratch).run(band, out.plane[0]);
+    else if (from.bytes == 1) shrink_colours<uint8_t>(from, columns, rows, band, scratch, out);
+    else shrink_colours<uint16_t>(from, columns, rows, band, scratch, out);
 }
 
 }  // namespace

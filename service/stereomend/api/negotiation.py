@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 from typing import NamedTuple
 
 from python_multipart.multipart import parse_options_header
@@ -33,7 +34,7 @@ def choose(accept: str, offered: Sequence[str]) -> str:
         NotAcceptable: none is liked; the message lists what is offered.
     """
     ranges = [_parse(part) for part in accept.split(",") if part.strip()] or [_parse("*/*")]
-    liked = [(*_liking(_parse(media_type), ranges), media_type) for media_type in offered]
+    liked = [(*_liking(_offer(media_type), ranges), media_type) for media_type in offered]
     quality, _, best = max(liked, key=lambda like: like[:2])
     if quality <= 0:
         raise NotAcceptable(f"Accept is {accept!r}; offered are {', '.join(offered)}")
@@ -50,6 +51,11 @@ def _liking(media_type: _Range, ranges: Sequence[_Range]) -> tuple[float, int]:
         return 0.0, 0
     _, place, quality = max(matching)
     return quality, place
+
+
+@cache
+def _offer(media_type: str) -> _Range:
+    return _parse(media_type)
 
 
 def _parse(text: str) -> _Range:

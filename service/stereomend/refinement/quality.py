@@ -13,7 +13,7 @@ from stereomend.refinement.pyramid import Sparse
 from stereomend.refinement.scene import Scene
 
 _CLEARLY_BETTER = 0.75  # a residual this much smaller is no chance
-_PERHAPS_BETTER = 0.9  # of fewer rows; then the others are read too
+_PERHAPS_BETTER = 0.95  # of fewer rows; then the others are read too
 _FEW = 0.1  # a mean over fewer of the valid pixels says little
 _ENOUGH = 60_000  # pixels, for a mean that is off by 1 or 2 % from that of all
 _SCALES = (1 / 256, 1 / 16, 1 / 4, 1 / 2, 2, 4, 16, 256)
@@ -47,8 +47,8 @@ def residuals(left: Plane, readings: Sequence[Reading], backend: Backend) -> lis
 def warnings_of(scene: Scene, initial: Sparse, refined: Sparse, backend: Backend) -> Iterator[str]:
     """Name what looks wrong with the input: where another reading of it explains the pair clearly better."""
     bands = _sample_bands(scene.size[0])
-    # Two of them show that most inputs are sound.
-    found = _readings(scene, initial, refined, backend, bands[1::2])
+    # The one in the middle shows that most inputs are sound.
+    found = _readings(scene, initial, refined, backend, bands[_BANDS // 2 :][:1])
     if any(now is None or _doubted(now, others, _PERHAPS_BETTER) for now, others in found.values()):
         found = _readings(scene, initial, refined, backend, bands)
         yield from (name for name, read in found.items() if _doubted(*read, _CLEARLY_BETTER))
