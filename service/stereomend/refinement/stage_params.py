@@ -240,7 +240,7 @@ class FusionParams(StageParams):
         1.2, gt=0, le=100, description="steps of a smooth surface [px at input size] (R10)"
     )
     soft_edge: float = Field(
-        0.5, ge=0, le=1, description="smoothness weight below which the surface may jump [1] (R10)"
+        0.75, ge=0, le=1, description="smoothness weight below which the surface may jump [1] (R10)"
     )
     patch_share: float = Field(
         0.003,
