@@ -104,7 +104,7 @@ def test_steps_and_straight_slopes_are_reached_and_jumps_only_across_colour_edge
     found = unseen(backend, upload, u=np.where(UNSEEN, 1, upload))
     assert (found[~UNSEEN] == 1).all()
     assert (found[UNSEEN] == share).all()
-    for edge, across in ((0.51, share), (0.49, 1)):
+    for edge, across in ((0.76, share), (0.74, 1)):
         found = unseen(backend, upload, u=np.where(UNSEEN, 1, upload), edge=edge)
         assert (found[UNSEEN] == across).all()
 
