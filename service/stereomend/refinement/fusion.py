@@ -143,7 +143,7 @@ def without_chance(share: Plane, rivals: Rivals, least: float) -> Plane:
     u, shown, part = rivals.u[strip], rivals.upload_shown[strip], share[strip]
     beyond = (np.arange(u.shape[1]) < u) & ~shown
     believed = beyond & (part > HALF)
-    if believed.sum() >= least * beyond.sum():
+    if np.count_nonzero(believed) >= least * np.count_nonzero(beyond):
         return share
     kept = share.copy()
     kept[strip][beyond] = 0
