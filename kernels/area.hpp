@@ -3,13 +3,15 @@
 // For resize_cpu.cpp alone, which is compiled once per instruction set: everything is local to it.
 #pragma once
 
+#include <string.h>
+
 #include "resize_sweeps.hpp"
 
 namespace stereomend {
 namespace {
 
 // R, G, B and one more.
-typedef float Four __attribute__((vector_size(16), aligned(4), may_alias));
+typedef float Four __attribute__((vector_size(16)));
 
 PIXEL_FN float multiply_add(float a, float b, float c) {
 #ifdef __FMA__
@@ -65,27 +67,34 @@ void halve_along(const float* row, const Cover& cover, float* out) {
     for (int x = 0; x < cover.count; ++x) out[x] = row[2 * x] * 0.5f + row[2 * x + 1] * 0.5f;
 }
 
+// Wherever it lies: template arguments lose the alignment of their type.
+template <class Value>
+PIXEL_FN Value value_at(const float* place) {
+    Value value;
+    memcpy(&value, place, sizeof value);
+    return value;
+}
+
 // Of pixels of `Channels` floats; what comes after the third of three is read, and not used.
 template <class Value, int Channels, int Taps>
-void shrink_along(const float* row, const Cover& cover, Value* out) {
+void shrink_along(const float* row, const Cover& cover, float* out) {
+    constexpr int kFloats = sizeof(Value) / sizeof(float);
     const int taps = Taps > 0 ? Taps : cover.taps;
-    const auto at = [](const float* place) { return *reinterpret_cast<const Value*>(place); };
     for (int x = 0; x < cover.count; ++x) {
         const float* from = row + static_cast<long>(Channels) * cover.first[x];
         const float* weight = cover.weight + static_cast<long>(x) * taps;
-        Value sum = at(from) * weight[0];
-        for (int k = 1; k < taps; ++k) sum += at(from + Channels * k) * weight[k];
-        out[x] = sum;
+        Value sum = value_at<Value>(from) * weight[0];
+        for (int k = 1; k < taps; ++k) sum += value_at<Value>(from + Channels * k) * weight[k];
+        memcpy(out + static_cast<long>(kFloats) * x, &sum, sizeof sum);
     }
 }
 
 template <class Value, int Channels>
 void along(const float* row, const Cover& cover, float* out) {
-    Value* to = reinterpret_cast<Value*>(out);
-    if (cover.taps == 1) shrink_along<Value, Channels, 1>(row, cover, to);
-    else if (cover.taps == 2) shrink_along<Value, Channels, 2>(row, cover, to);
-    else if (cover.taps == 3) shrink_along<Value, Channels, 3>(row, cover, to);
-    else shrink_along<Value, Channels, 0>(row, cover, to);
+    if (cover.taps == 1) shrink_along<Value, Channels, 1>(row, cover, out);
+    else if (cover.taps == 2) shrink_along<Value, Channels, 2>(row, cover, out);
+    else if (cover.taps == 3) shrink_along<Value, Channels, 3>(row, cover, out);
+    else shrink_along<Value, Channels, 0>(row, cover, out);
 }
 
 // Apart again, with the grey level of each pixel.
