@@ -33,10 +33,11 @@ struct Shrunk {
 // Floats in a row of scratch that holds one value per pixel, or R, G, B and one more.
 constexpr int values_of(const Samples& from) { return from.channels == 3 && !from.grey ? 4 : 1; }
 
-// Floats of scratch that a member needs to shrink: a row as it came, the ones around it at their new width, and one
-// at its new size.
+// Floats of scratch that a member needs to shrink: a row as it came, and at their new width the ones around it; of
+// three channels their sum at both widths.
 constexpr size_t shrink_floats(const Samples& from, const Cover& columns, const Cover& rows) {
-    return values_of(from) * (static_cast<size_t>(from.size.width) + (rows.taps + 1) * static_cast<size_t>(columns.count));
+    const size_t held = values_of(from) == 1 ? rows.taps : 1;
+    return values_of(from) * (static_cast<size_t>(from.size.width) + held * columns.count);
 }
 
 // Where the pixels of a larger row or column are in a smaller one.

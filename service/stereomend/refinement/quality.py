@@ -48,7 +48,7 @@ def warnings_of(scene: Scene, initial: Sparse, refined: Sparse, backend: Backend
     """Name what looks wrong with the input: where another reading of it explains the pair clearly better."""
     bands = _sample_bands(scene.size[0])
     # The one in the middle shows that most inputs are sound.
-    found = _readings(scene, initial, refined, backend, bands[_BANDS // 2 :][:1])
+    found = _readings(scene, initial, refined, backend, bands[[_BANDS // 2]])
     if any(now is None or _doubted(now, others, _PERHAPS_BETTER) for now, others in found.values()):
         found = _readings(scene, initial, refined, backend, bands)
         yield from (name for name, read in found.items() if _doubted(*read, _CLEARLY_BETTER))
