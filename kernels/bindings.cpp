@@ -99,6 +99,8 @@ NB_MODULE(_native, m) {
         .def("mismatch", &PyEngine::mismatch, "left"_a.noconvert(), "readings"_a.noconvert(),
              "Mean distance of the descriptors over valid observed pixels, and their number, of each reading.")
         .def("unobserved", &PyEngine::unobserved, "u"_a.noconvert(), "What the right image does not show.")
+        .def("shown", &PyEngine::shown, "u"_a.noconvert(), "valid"_a.noconvert(),
+             "What the right image shows of the valid pixels; what it does not, or hardly.")
         .def("confidence", &PyEngine::confidence, "left"_a.noconvert(), "right"_a.noconvert(), "u"_a.noconvert(),
              "valid"_a.noconvert(), "matte"_a.noconvert(), "params"_a, "C_f at every pixel.")
         .def("fill", &PyEngine::fill, "u"_a.noconvert(), "known"_a.noconvert(), "steps"_a, "passes"_a,

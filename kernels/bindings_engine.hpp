@@ -269,6 +269,15 @@ public:
         return out;
     }
 
+    std::pair<Output<bool>, Output<bool>> shown(const Plane& u, const Flags& valid) {
+        check_same_shape(u, valid);
+        Output<bool> shown = new_plane<bool>(u.shape(0), u.shape(1));
+        Output<bool> hidden = new_plane<bool>(u.shape(0), u.shape(1));
+        nb::gil_scoped_release unlocked;
+        engine_.shown(size_of(u), u.data(), valid.data(), shown.data(), hidden.data());
+        return {shown, hidden};
+    }
+
     Output<float> confidence(const Plane& left, const Plane& right, const Plane& u, const Flags& valid,
                              const Flags& matte, const ConfidenceParams& params) {
         check_same_shape(left, right, u, valid, matte);

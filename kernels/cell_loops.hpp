@@ -19,34 +19,61 @@ int reflected(int i, int count) {
     return i;
 }
 
-void blur_along(const double* row, int width, const Taps& taps, double* padded, double* out) {
-    for (int x = -taps.radius; x < width + taps.radius; ++x) padded[x + taps.radius] = row[reflected(x, width)];
-    const double* middle = padded + taps.radius;
-    for (int x = 0; x < width; ++x) out[x] = taps.weight[0] * middle[x];
-    for (int k = 1; k <= taps.radius; ++k) {
-        const double weight = taps.weight[k];
+// Adds the next pairs of an average to a row of it.
+template <int Count>
+void add_pairs(const double* const* before, const double* const* after, const double* weights, int width, double* out) {
+    const double* b[Count];
+    const double* a[Count];
+    double w[Count];
+    for (int k = 0; k < Count; ++k) {
+        b[k] = before[k];
+        a[k] = after[k];
+        w[k] = weights[k];
+    }
 #pragma GCC ivdep
-        for (int x = 0; x < width; ++x) out[x] += weight * (middle[x - k] + middle[x + k]);
+    for (int x = 0; x < width; ++x) {
+        double sum = out[x];
+        for (int k = 0; k < Count; ++k) sum += w[k] * (b[k][x] + a[k][x]);
+        out[x] = sum;
     }
 }
 
-void blur(const double* plane, Size cells, const Taps& taps, double* scratch, double* out) {
-    const int width = cells.width;
-    double* rows = scratch;
-    double* padded = scratch + static_cast<long>(width) * cells.height;
-    for (int y = 0; y < cells.height; ++y)
-        blur_along(plane + static_cast<long>(y) * width, width, taps, padded, rows + static_cast<long>(y) * width);
-    const auto row = [&](int y) { return rows + static_cast<long>(reflected(y, cells.height)) * width; };
-    for (int y = 0; y < cells.height; ++y) {
-        double* to = out + static_cast<long>(y) * width;
-        const double* here = row(y);
-        for (int x = 0; x < width; ++x) to[x] = taps.weight[0] * here[x];
-        for (int k = 1; k <= taps.radius; ++k) {
-            const double *above = row(y - k), *below = row(y + k);
-            const double weight = taps.weight[k];
-#pragma GCC ivdep
-            for (int x = 0; x < width; ++x) to[x] += weight * (above[x] + below[x]);
+// One row of an average; row_at(k) is the one k away from its middle. Several pairs at a time: to load and store the sum
+// for each would take as long as to add.
+template <class RowAt>
+void average_cells(const Taps& taps, const RowAt& row_at, int width, double* out) {
+    constexpr int kTogether = 8;
+    const double* middle = row_at(0);
+    for (int x = 0; x < width; ++x) out[x] = taps.weight[0] * middle[x];
+    int k = 1;
+    const auto add = [&](auto add_some, int count) {
+        const double* before[kTogether];
+        const double* after[kTogether];
+        for (int i = 0; i < count; ++i) {
+            before[i] = row_at(-(k + i));
+            after[i] = row_at(k + i);
         }
+        add_some(before, after, taps.weight + k, width, out);
+        k += count;
+    };
+    while (k + kTogether - 1 <= taps.radius) add(add_pairs<kTogether>, kTogether);
+    while (k <= taps.radius) add(add_pairs<1>, 1);
+}
+
+void blur(const double* plane, Size cells, int columns, const Taps& taps, double* scratch, double* out) {
+    const int width = cells.width;
+    const int needed = columns + taps.radius;
+    double* rows = scratch;
+    double* padded = scratch + static_cast<long>(columns) * cells.height;
+    for (int y = 0; y < cells.height; ++y) {
+        const double* row = plane + static_cast<long>(y) * width;
+        for (int x = -taps.radius; x < needed; ++x) padded[x + taps.radius] = row[reflected(x, width)];
+        const double* middle = padded + taps.radius;
+        average_cells(taps, [&](int k) { return middle + k; }, columns, rows + static_cast<long>(y) * columns);
+    }
+    for (int y = 0; y < cells.height; ++y) {
+        const auto row = [&](int k) { return rows + static_cast<long>(reflected(y + k, cells.height)) * columns; };
+        average_cells(taps, row, columns, out + static_cast<long>(y) * width);
     }
 }
 
@@ -90,28 +117,29 @@ void widen(const double* plane, Size cells, int y, int width, float* scratch, fl
     memcpy(out, row, sizeof(float) * width);
 }
 
-void bend(const float* u, Size size, const PlaneFit& fit, const BendRule& rule, int y, float* scratch, float* out) {
+void bend(const float* u, Size size, int columns, const PlaneFit& fit, const BendRule& rule, int y, float* scratch,
+          float* out) {
     const Size cells{cells_of(size.width), cells_of(size.height)};
-    const int width = size.width;
-    const long room = width + 2L * kCell;
+    const long room = columns + 2L * kCell;
     float* value = scratch + cells.width + 1;
     float* residual = value + room;
     float* support = residual + room;
-    widen_cells(fit.value, cells, y, width, scratch, value);
-    widen_cells(fit.residual, cells, y, width, scratch, residual);
-    widen_cells(fit.support, cells, y, width, scratch, support);
-    const float* row = u + static_cast<long>(y) * width;
-    float* to = out + static_cast<long>(y) * width;
+    widen_cells(fit.value, cells, y, columns, scratch, value);
+    widen_cells(fit.residual, cells, y, columns, scratch, residual);
+    widen_cells(fit.support, cells, y, columns, scratch, support);
+    const float* row = u + static_cast<long>(y) * size.width;
+    float* to = out + static_cast<long>(y) * size.width;
     const float most = rule.bend;
     const float damping = 1.0f / (rule.flat * rule.flat);
 #pragma GCC ivdep
-    for (int x = 0; x < width; ++x) {
+    for (int x = 0; x < columns; ++x) {
         const float limit = most * larger(row[x], 1.0f);
         const float step = smaller(larger(value[x] - row[x], -limit), limit) / (1.0f + residual[x] * damping);
         const float bent = larger(row[x] + step, 0.0f);
         const bool outside = (static_cast<float>(x) < row[x]) & (support[x] > kTouched);
         to[x] = outside ? bent : row[x];
     }
+    memcpy(to + columns, row + columns, sizeof(float) * (size.width - columns));
 }
 
 }  // namespace

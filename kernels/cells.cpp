@@ -2,8 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <vector>
-
 
 namespace stereomend {
 namespace {
@@ -108,12 +108,29 @@ double moment(const double* polls, const Grid& grid, int k, long i, double windo
 
 constexpr int kMoments = 10;
 
-// Turns the averaged moments of each cell into value, residual and support of the plane, in the first three of them.
-void fit(const Grid& grid, double window) {
+// How many columns may have their match left of the right image: those that u reaches over.
+int columns_beyond(Size size, const float* u) {
+    // As integers, whose order is that of the floats from 0 on, and whose largest is vectorised.
+    const long pixels = static_cast<long>(size.width) * size.height;
+    int32_t most = 0;
+    for (long i = 0; i < pixels; ++i) {
+        int32_t bits;
+        std::memcpy(&bits, u + i, sizeof(bits));
+        most = std::max(most, bits);
+    }
+    float reach;
+    std::memcpy(&reach, &most, sizeof(reach));
+    return static_cast<int>(std::min(std::ceil(reach), static_cast<float>(size.width)));
+}
+
+// Turns the averaged moments of the first columns of cells into value, residual and support of the plane, in the first
+// three of them.
+void fit(const Grid& grid, int columns, double window) {
     double* m[kMoments];
     for (int k = 0; k < kMoments; ++k) m[k] = grid.plane(k);
     const int width = grid.cells().width;
     for (long i = 0; i < grid.count(); ++i) {
+        if (i % width >= columns) continue;
         const double total = m[0][i];
         double mean[kMoments];
         for (int k = 1; k < kMoments; ++k) mean[k] = ratio(m[k][i], total);
@@ -140,7 +157,7 @@ void ground(Size size, const double* polls, const GroundRule& rule, float* const
     const Grid grid(size, 7, crew);
     const Taps widest = far.weights.size() > fair.weights.size() ? far.taps() : fair.taps();
     grid.each(7, widest, [&](int k, double* scratch) {
-        crew.sweeps.blur(polls + kOf[k] * grid.count(), grid.cells(), windows[k]->taps(), scratch, grid.plane(k));
+        crew.sweeps.blur(polls + kOf[k] * grid.count(), grid.cells(), grid.cells().width, windows[k]->taps(), scratch, grid.plane(k));
     });
     double faint[3];
     for (int k = 0; k < 3; ++k) faint[k] = rule.far_share * mean_of(polls + kOf[4 + k] * grid.count(), grid.count());
@@ -164,14 +181,16 @@ void ground(Size size, const double* polls, const GroundRule& rule, float* const
 void bend(Size size, const float* u, const double* polls, const BendRule& rule, float* out, const FusionCrew& crew) {
     const Bell window = bell_of(rule.window);
     const Grid grid(size, 2 * kMoments, crew);
+    const int columns = columns_beyond(size, u);
+    const int of_cells = std::min(cells_of(columns) + 1, grid.cells().width);
     grid.each(kMoments, window.taps(), [&](int k, double* scratch) {
         double* moments = grid.plane(kMoments + k);
         for (long i = 0; i < grid.count(); ++i) moments[i] = moment(polls, grid, k, i, rule.window);
-        crew.sweeps.blur(moments, grid.cells(), window.taps(), scratch, grid.plane(k));
+        crew.sweeps.blur(moments, grid.cells(), of_cells, window.taps(), scratch, grid.plane(k));
     });
-    fit(grid, rule.window);
+    fit(grid, of_cells, rule.window);
     const PlaneFit planes{grid.plane(0), grid.plane(1), grid.plane(2)};
-    grid.rows([&](int y, float* scratch) { crew.sweeps.bend(u, size, planes, rule, y, scratch, out); });
+    grid.rows([&](int y, float* scratch) { crew.sweeps.bend(u, size, columns, planes, rule, y, scratch, out); });
 }
 
 }  // namespace stereomend

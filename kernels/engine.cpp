@@ -90,6 +90,14 @@ Laps plan_laps(const Level& level, const SolverParams& params, int crew) {
     return {length, (params.iterations + length - 1) / length, crew};
 }
 
+// Room for a plane of so many floats, such that the same pixel of the next ones lies elsewhere in a page: caches have
+// too few ways for ten of them, and sizes of pictures are round.
+size_t staggered(size_t pixels) {
+    constexpr size_t kPage = 4096 / sizeof(float);
+    constexpr size_t kApart = 7 * 64 / sizeof(float);
+    return (pixels + kPage - 1) / kPage * kPage + kApart;
+}
+
 // Copies rows of an image, each with its ends repeated.
 void pad(const float* source, int width, Rows rows, float* out) {
     for (int y = rows.begin; y < rows.end; ++y) {
@@ -132,12 +140,12 @@ Level Engine::padded(const Level& level) {
 }
 
 void Engine::prepare(const Level& level, float* u) {
-    const size_t pixels = static_cast<size_t>(level.width) * level.height;
-    planes_.resize(std::max(planes_.size(), 9 * pixels));
+    const size_t pitch = staggered(static_cast<size_t>(level.width) * level.height);
+    planes_.resize(std::max(planes_.size(), 9 * pitch));
     float* at = planes_.data();
-    state_ = {u, at, at + pixels, at + 2 * pixels, at + 3 * pixels, at + 4 * pixels,
-              at + 5 * pixels, at + 6 * pixels, at + 7 * pixels, at + 8 * pixels};
-    std::fill(state_.p_x, state_.p_x + 2 * pixels, 0.0f);
+    state_ = {u, at, at + pitch, at + 2 * pitch, at + 3 * pitch, at + 4 * pitch,
+              at + 5 * pitch, at + 6 * pitch, at + 7 * pitch, at + 8 * pitch};
+    std::fill(state_.p_x, state_.p_x + 2 * pitch, 0.0f);
 }
 
 void Engine::solve(const Level& unpadded, const SolverParams& params, float* u, const GoOn& go_on) {
@@ -287,6 +295,17 @@ void Engine::unobserved(Size size, const float* u, bool* out) {
         for (int y = rows.begin; y < rows.end; ++y) {
             const size_t o = static_cast<size_t>(y) * size.width;
             ldr_.sweeps.unobserved_row(u + o, size.width, out + o);
+        }
+    });
+}
+
+void Engine::shown(Size size, const float* u, const bool* valid, bool* shown, bool* hidden) {
+    const Turn turn(*this);
+    team_.share(pieces_of(size.height), [&](int, int piece) {
+        const Rows rows = piece_of(size.height, piece);
+        for (int y = rows.begin; y < rows.end; ++y) {
+            const size_t o = static_cast<size_t>(y) * size.width;
+            ldr_.sweeps.shown_row(u + o, valid + o, size.width, shown + o, hidden + o);
         }
     });
 }

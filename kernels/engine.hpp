@@ -71,6 +71,7 @@ public:
 
     // Writes which pixels the right image does not show [out, (height, width)]; see ldr_sweeps.hpp.
     void unobserved(Size size, const float* u, bool* out);
+    void shown(Size size, const float* u, const bool* valid, bool* shown, bool* hidden);
 
     // See ldr.hpp.
     void fill_occlusions(const Holes& map, const OcclusionRule& rule, bool* filled);

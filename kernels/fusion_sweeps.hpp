@@ -134,12 +134,14 @@ struct FusionSweeps {
     void (*bridge)(const Terrain&, const Stretch&, int step, const bool* reached, uint8_t* scratch, bool* out);
     // Completes row y of the share [in/out]: what is reached or a bridge, without small patches.
     void (*conclude)(const Rivals&, int y, const Choice&);
-    // Averages cells under a window [out]; borders are mirrored.
-    void (*blur)(const double* plane, Size cells, const Taps&, double* scratch, double* out);
+    // Averages the first columns of cells under a window [out]; borders are mirrored.
+    void (*blur)(const double* plane, Size cells, int columns, const Taps&, double* scratch, double* out);
     // Writes row y of the pixels of a picture, linear between the centres of its cells.
     void (*widen)(const double* plane, Size cells, int y, int width, float* scratch, float* out);
-    // Writes row y of a map bent towards the planes where its match lies left of the right image, px.
-    void (*bend)(const float* u, Size size, const PlaneFit&, const BendRule&, int y, float* scratch, float* out);
+    // Writes row y of a map bent towards the planes where its match lies left of the right image, px: never right of so
+    // many columns.
+    void (*bend)(const float* u, Size size, int columns, const PlaneFit&, const BendRule&, int y, float* scratch,
+                 float* out);
 };
 
 extern const FusionSweeps fusion_sweeps_v2;

@@ -6,74 +6,111 @@
 namespace stereomend {
 namespace {
 
-// Directions in which a row depends on the row above (dy -1) or below it (dy 1).
-struct Direction {
-    int dx;
-    int dy;
-};
-constexpr int kVertical = 6;
-constexpr Direction kAcrossRows[kVertical] = {{0, -1}, {0, 1}, {-1, -1}, {1, 1}, {1, -1}, {-1, 1}};
-
 long offset_of(Size size, int y) { return static_cast<long>(y) * size.width; }
 
 bool is_known(float w) { return w < kNone; }
 
-// Memory of one fill: the map with kNone in its holes, what is met in each direction, rows of steps and values.
+// Memory of one fill: the map with kNone in its holes, and what is met below each pixel.
 struct Search {
     Size size;
-    float* w;                  // (height, width)
-    float* met[kVertical];     // (height, width + 2)
-    float* memory;             // 4 rows of width + 2 for each direction and each member
-    float limit;               // most steps
+    float* w;               // (height, width)
+    float* below[kWays];    // (height, width + 2)
+    float* memory;          // rows of width + 2, so many for each member
+    int reach;              // most steps
+
+    static constexpr int kFronts = 4 * kWays;  // of two fronts that take turns
+    static constexpr int kRows = kFronts + 2;
 
     int stride() const { return size.width + 2; }
-    float* rows(int i) const { return memory + 4 * static_cast<size_t>(stride()) * i; }
+    float* row(int member, int i) const { return memory + static_cast<size_t>(stride()) * (kRows * member + i); }
+    Front front(int member, int turn) const {
+        Front front;
+        for (int k = 0; k < kWays; ++k) {
+            front.values[k] = row(member, (2 * turn) * kWays + k) + 1;
+            front.steps[k] = row(member, (2 * turn + 1) * kWays + k) + 1;
+        }
+        return front;
+    }
 };
 
 Search make_search(const Holes& map, int steps, const Crew& crew) {
     const size_t stride = map.size.width + 2;
     const size_t plane = stride * map.size.height;
-    const size_t rows = 4 * stride * std::max(kVertical, crew.team.size());
+    const size_t rows = Search::kRows * stride * crew.team.size();
     std::vector<float>& planes = crew.buffers.planes;
-    planes.resize(std::max(planes.size(), (kVertical + 1) * plane + rows));
+    planes.resize(std::max(planes.size(), (kWays + 1) * plane + rows));
     float* at = planes.data();
-    Search search{map.size, at, {}, at + (kVertical + 1) * plane, static_cast<float>(steps)};
-    for (int k = 0; k < kVertical; ++k) search.met[k] = at + (k + 1) * plane;
+    Search search{map.size, at, {}, at + (kWays + 1) * plane, steps};
+    for (int k = 0; k < kWays; ++k) search.below[k] = at + (k + 1) * plane;
     return search;
 }
 
-// For every pixel the first known value met in one direction across rows, in one sweep against the direction.
-void look_across(const Search& search, int k, const LdrSweeps& sweeps) {
-    const Direction d = kAcrossRows[k];
-    float* before = search.rows(k);
-    float* steps = before + search.stride();
-    float* steps_before = steps + search.stride();
-    const float* values = before;
-    std::fill(before, before + 3 * search.stride(), kNone);
-    for (int i = 0; i < search.size.height; ++i) {
-        const int y = d.dy < 0 ? i : search.size.height - 1 - i;
-        float* out = search.met[k] + static_cast<long>(y) * search.stride();
-        out[0] = out[search.size.width + 1] = kNone;
-        sweeps.look(search.w + offset_of(search.size, y), values + 1 + d.dx, steps_before + 1 + d.dx, search.limit,
-                    search.size.width, out + 1, steps + 1);
-        values = out;
-        std::swap(steps, steps_before);
+// Where nothing has been met yet.
+Front fresh_front(const Search& search, int member) {
+    float* first = search.row(member, 0);
+    std::fill(first, first + static_cast<size_t>(Search::kFronts) * search.stride(), kNone);
+    return search.front(member, 0);
+}
+
+// For the pixels of some rows what is met below them. Farther than `reach` nothing has to be looked for, so that no
+// member waits for another.
+void look_below(const Search& search, Rows rows, int member, const LdrSweeps& sweeps) {
+    Front before = fresh_front(search, member);
+    int turn = 1;
+    for (int y = std::min(rows.end - 1 + search.reach, search.size.height - 1); y >= rows.begin; --y, turn = 1 - turn) {
+        Front now = search.front(member, turn);
+        for (int k = 0; y < rows.end && k < kWays; ++k) {
+            now.values[k] = search.below[k] + static_cast<long>(y) * search.stride() + 1;
+            now.values[k][-1] = now.values[k][search.size.width] = kNone;
+        }
+        sweeps.look(search.w + offset_of(search.size, y), before, search.reach, search.size.width, now);
+        before = now;
     }
 }
 
-// Fills the holes of some rows from all eight directions; returns whether any remains.
-bool fill_rows(const Search& search, Rows rows, int member, const LdrSweeps& sweeps) {
-    float* east = search.rows(member);
-    float* west = east + search.stride();
-    bool holes = false;
-    for (int y = rows.begin; y < rows.end; ++y) {
-        const float* met[8] = {east, west};
-        for (int k = 0; k < kVertical; ++k) met[k + 2] = search.met[k] + static_cast<long>(y) * search.stride() + 1;
-        float* w = search.w + offset_of(search.size, y);
-        sweeps.look_along(w, search.limit, search.size.width, east, west);
-        holes |= sweeps.fill_row(met, search.size.width, w);
+// A search down the picture, row by row.
+class LookAbove {
+public:
+    // Comes to the row in front of `y`.
+    LookAbove(const Search& search, int y, int member, const LdrSweeps& sweeps)
+        : search_(search), member_(member), sweeps_(sweeps), before_(fresh_front(search, member)) {
+        for (int row = std::max(0, y - search.reach); row < y; ++row) pass(row);
     }
-    return holes;
+
+    const Front& pass(int y) {
+        const Front now = search_.front(member_, turn_);
+        sweeps_.look(search_.w + offset_of(search_.size, y), before_, search_.reach, search_.size.width, now);
+        turn_ = 1 - turn_;
+        return before_ = now;
+    }
+
+private:
+    const Search& search_;
+    const int member_;
+    const LdrSweeps& sweeps_;
+    Front before_;
+    int turn_ = 1;
+};
+
+// Fills the holes of some rows from all eight directions; returns from which to which row any remains.
+Rows fill_rows(const Search& search, Rows rows, int member, LookAbove& look, const LdrSweeps& sweeps) {
+    const int width = search.size.width;
+    float* east = search.row(member, Search::kFronts);
+    float* west = east + search.stride();
+    Rows open{rows.end, rows.end};
+    for (int y = rows.begin; y < rows.end; ++y) {
+        const Front& above = look.pass(y);
+        float* w = search.w + offset_of(search.size, y);
+        if (!sweeps.has_hole(w, 0, width)) continue;
+        const float* met[8] = {east, west};
+        for (int k = 0; k < kWays; ++k) {
+            met[2 + k] = above.values[k];
+            met[2 + kWays + k] = search.below[k] + static_cast<long>(y) * search.stride() + 1;
+        }
+        sweeps.look_along(w, search.reach, width, east, west);
+        if (sweeps.fill_row(met, width, w)) open = {std::min(open.begin, y), y + 1};
+    }
+    return open;
 }
 
 // For every pixel the nearest known row of its column, the upper of two; -1 where the column has none.
@@ -189,16 +226,17 @@ void fill(const Holes& map, int steps, int passes, const Crew& crew) {
         for (long at = offset_of(map.size, rows.begin); at < offset_of(map.size, rows.end); ++at)
             search.w[at] = map.known[at] ? map.u[at] : kNone;
         crew.team.meet();
-        bool holes = true;
+        Rows holes = rows;
         for (int pass = 0; pass < passes && open[(pass + 1) % 2]; ++pass) {
-            for (int k = member; k < kVertical; k += members) look_across(search, k, crew.sweeps);
+            look_below(search, holes, member, crew.sweeps);
+            LookAbove look(search, holes.begin, member, crew.sweeps);
             if (member == 0) open[pass % 2] = false;
             crew.team.meet();
-            holes = fill_rows(search, rows, member, crew.sweeps);
-            if (holes) open[pass % 2] = true;
+            holes = fill_rows(search, holes, member, look, crew.sweeps);
+            if (holes.begin < holes.end) open[pass % 2] = true;
             crew.team.meet();
         }
-        if (holes) incomplete = true;
+        if (holes.begin < holes.end) incomplete = true;
         std::copy(search.w + offset_of(map.size, rows.begin), search.w + offset_of(map.size, rows.end),
                   map.u + offset_of(map.size, rows.begin));
     };

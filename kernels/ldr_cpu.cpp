@@ -91,15 +91,23 @@ void confidence_row(const ConfidenceInput& in, const ConfidenceParams& params, i
         if (!(in.valid[offset + x] & in.matte[offset + x])) out[x] = 0.0f;
 }
 
-void look(const float* w, const float* before, const float* steps_before, float limit, int width, float* met,
-          float* steps) {
+// Here, or else what came so far, if that was not too many steps ago.
+PIXEL_FN void pass_on(float w, float before, float taken, float limit, float* met, float* steps) {
+    const bool known = w < kNone;
+    *met = known ? w : (taken <= limit ? before : kNone);
+    *steps = known ? 0.0f : taken;
+}
+
+void look(const float* w, const Front& before, float limit, int width, const Front& now) {
+    const float *straight = before.values[0], *right = before.values[1] - 1, *left = before.values[2] + 1;
+    const float *ago = before.steps[0], *right_ago = before.steps[1] - 1, *left_ago = before.steps[2] + 1;
+    float *met0 = now.values[0], *met1 = now.values[1], *met2 = now.values[2];
+    float *steps0 = now.steps[0], *steps1 = now.steps[1], *steps2 = now.steps[2];
 #pragma GCC ivdep
     for (int x = 0; x < width; ++x) {
-        const float taken = steps_before[x] + 1.0f;
-        const float passed_on = taken <= limit ? before[x] : kNone;
-        const bool known = w[x] < kNone;
-        met[x] = known ? w[x] : passed_on;
-        steps[x] = known ? 0.0f : taken;
+        pass_on(w[x], straight[x], ago[x] + 1.0f, limit, met0 + x, steps0 + x);
+        pass_on(w[x], right[x], right_ago[x] + 1.0f, limit, met1 + x, steps1 + x);
+        pass_on(w[x], left[x], left_ago[x] + 1.0f, limit, met2 + x, steps2 + x);
     }
 }
 
@@ -198,12 +206,34 @@ void unobserved_row(const float* u, int width, bool* out) {
     }
 }
 
+constexpr int kAside = 2;       // pixels on each side that a rise is measured over
+constexpr float kSteep = 2.0f;  // over 4 pixels: the right image shows them on 2
+
+void shown_row(const float* u, const bool* valid, int width, bool* shown, bool* hidden) {
+    const uint8_t* known = bytes_of(valid);
+    uint8_t *seen = bytes_of(shown), *unseen = bytes_of(hidden);
+    unobserved_row(u, width, hidden);
+#pragma GCC ivdep
+    for (int x = 0; x < width; ++x) {
+        seen[x] = static_cast<uint8_t>(known[x] & (1 - unseen[x]));
+        unseen[x] &= known[x];
+    }
+#pragma GCC ivdep
+    for (int x = kAside; x < width - kAside; ++x)
+        unseen[x] |= static_cast<uint8_t>((u[x + kAside] - u[x - kAside] >= kSteep ? 1 : 0) & known[x - kAside]);
+}
+
+// The first of the pixels from x on that is known, or not; the width if none is.
+int next_of(const bool* known, bool sought, int x, int width) {
+    const void* found = x < width ? memchr(known + x, sought, width - x) : nullptr;
+    return found ? static_cast<int>(static_cast<const bool*>(found) - known) : width;
+}
+
 void fill_occlusions(float* u, const bool* known, int width, const OcclusionRule& rule, bool* filled) {
-    for (int x = 0; x < width; ++x) filled[x] = false;
-    for (int begin = 1; begin < width; ++begin) {
-        if (known[begin] | !known[begin - 1]) continue;
-        int end = begin;
-        while (end < width && !known[end]) ++end;
+    memset(filled, 0, width);
+    int end = next_of(known, true, 0, width);
+    for (int begin; (begin = next_of(known, false, end, width)) < width;) {
+        end = next_of(known, true, begin, width);
         const float left = u[begin - 1];
         const float jump = end < width ? u[end] - left : 0.0f;
         if (jump > rule.step && static_cast<float>(end - begin) <= rule.stretch * jump + rule.slack)
@@ -211,7 +241,6 @@ void fill_occlusions(float* u, const bool* known, int width, const OcclusionRule
                 u[x] = left;
                 filled[x] = true;
             }
-        begin = end;
     }
 }
 
@@ -293,7 +322,7 @@ void reach_across(const Terrain& terrain, int from, int y, Rows columns, bool* r
 
 }  // namespace
 
-extern const LdrSweeps LDR_SWEEPS = {unobserved_row, sum_along, confidence_row, look, look_along, fill_row,
+extern const LdrSweeps LDR_SWEEPS = {unobserved_row, shown_row, sum_along, confidence_row, look, look_along, has_hole, fill_row,
                                     fill_occlusions, reach_along, reach_across};
 
 }  // namespace stereomend

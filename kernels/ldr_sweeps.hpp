@@ -37,6 +37,15 @@ struct WindowSums {
 // Stands for "nothing known": in a hole of a map, and where a search met nothing.
 constexpr float kNone = __builtin_inff();
 
+constexpr int kWays = 3;  // straight and along both diagonals
+
+// What a search across rows has met when it gets to a row, way by way, and after how many steps; `values` have kNone on
+// both sides.
+struct Front {
+    float* values[kWays];
+    float* steps[kWays];
+};
+
 // When a run of unknown pixels is an occlusion: the value on its right exceeds the one on its left by more than `step`
 // [px], and it is no longer than `stretch` [1] times that difference plus `slack` [px].
 struct OcclusionRule {
@@ -59,16 +68,19 @@ struct LdrSweeps {
     // Which pixels of a row of disparities [px] the right image does not show: their match lies outside of it, or a
     // pixel further right lands at least 1 px left of it [out].
     void (*unobserved_row)(const float* u, int width, bool* out);
+    // Which pixels of a row of disparities the right image shows, of those that are valid; and which of them it does not,
+    // or on half as many pixels [out].
+    void (*shown_row)(const float* u, const bool* valid, int width, bool* shown, bool* hidden);
     // Writes row y of the sums and counts [out].
     void (*sum_along)(const ConfidenceInput&, int radius, int y, const WindowSums&);
     // Writes row y of C_f [out] from the sums of the rows around it.
     void (*confidence_row)(const ConfidenceInput&, const ConfidenceParams&, int y, const WindowSums&, float* out);
-    // What is met in the pixels of a row [out] after what was met in the row before, after so many steps [in/out by
-    // turns]; w: the map's row.
-    void (*look)(const float* w, const float* before, const float* steps_before, float limit, int width, float* met,
-                 float* steps);
+    // What is met in the pixels of a row [out] from what was met in the row before; w: the map's row.
+    void (*look)(const float* w, const Front& before, float limit, int width, const Front& now);
     // The same to the right (east) and to the left (west) in the row itself.
     void (*look_along)(const float* w, float limit, int width, float* east, float* west);
+    // Whether a row has any.
+    bool (*has_hole)(const float* w, int begin, int end);
     // Replaces holes of w by the median of what was met in eight directions; returns whether any hole remains.
     bool (*fill_row)(const float* const met[8], int width, float* w);
     // Replaces the occlusions of a row of u [in/out] by the value on their left; says which pixels those are [out].

@@ -188,8 +188,10 @@ inline std::vector<float> run_all(stereomend::Engine& engine, const Scene& scene
     engine.fill({scene.size, filled, scene.flags()}, 20, 5);
     std::copy(filled, filled + pixels, solved);
     engine.solve(scene.level(), params, solved);
-    std::vector<uint8_t> unobserved(pixels);
+    std::vector<uint8_t> unobserved(pixels), hidden(pixels);
     engine.unobserved(scene.size, solved, reinterpret_cast<bool*>(unobserved.data()));
+    engine.shown(scene.size, solved, scene.flags(), reinterpret_cast<bool*>(unobserved.data()),
+                 reinterpret_cast<bool*>(hidden.data()));
     const auto found = engine.mismatch(scene.size, scene.left.data(), {{scene.right.data(), solved, scene.flags()},
                                                                        {scene.left.data(), filled, scene.flags()}});
     out.back() = static_cast<float>(found.front().sum + found.back().sum);

@@ -9,7 +9,7 @@ from stereomend import refine
 from stereomend.phantom import break_disparity, good_disparity, make_phantom
 from stereomend.refinement import parse_params
 from stereomend.refinement.backends import ChoiceRule, Rivals
-from stereomend.refinement.fusion import grain_of, hardly_shown, mostly, without_chance
+from stereomend.refinement.fusion import grain_of, mostly, without_chance
 from stereomend.refinement.pyramid import Sparse
 
 ONCE_WORSE = {
@@ -87,20 +87,6 @@ def test_most_is_more_than_half_of_the_pixels_around():
         assert found[y, x] == (2 * part[around].sum() > whole[around].sum())
     assert 0.2 < np.mean([found[at] for at in inside]) < 0.8
     assert not mostly(part & False, whole & False).any()
-
-
-@pytest.mark.parametrize("width", [1, 3, 4, 5, 40])
-def test_a_surface_is_hardly_shown_where_it_rises_by_half_a_pixel_per_pixel(width):
-    rng = np.random.default_rng(width)
-    valid = rng.random((30, width)) < 0.8
-    u = np.where(valid, 20 + np.cumsum(rng.choice([0, 0.25, 0.5, 0.75], valid.shape), axis=1), 0)
-    expected = np.zeros_like(valid)
-    for y, x in np.ndindex(valid.shape):
-        if 2 <= x < width - 2:
-            before, after = x - 2 - u[y, x - 2], x + 2 - u[y, x + 2]
-            expected[y, x] = valid[y, x - 2] and valid[y, x + 2] and after - before <= 2
-    assert (hardly_shown(u.astype(np.float32), valid) == expected).all()
-    assert width < 40 or 0.1 < expected.mean() < 0.9
 
 
 def test_a_map_is_in_whole_pixels_if_every_value_is():

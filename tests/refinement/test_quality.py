@@ -36,6 +36,23 @@ def test_the_pixels_left_of_a_near_object_are_hidden(backend):
     assert np.flatnonzero(backend.unobserved(disparity)).tolist() == [0, 3, 4]
 
 
+@pytest.mark.parametrize("width", [1, 3, 4, 5, 40])
+def test_what_is_hidden_or_hardly_shown_rises_by_half_a_pixel_per_pixel(width, backend):
+    rng = np.random.default_rng(width)
+    valid = rng.random((30, width)) < 0.8
+    u = np.where(valid, 20 + np.cumsum(rng.choice([0, 0.25, 0.5, 0.75], valid.shape), axis=1), 0)
+    unobserved = brute_force_unobserved(u)
+    steep = np.zeros_like(valid)
+    for y, x in np.ndindex(valid.shape):
+        if 2 <= x < width - 2:
+            before, after = x - 2 - u[y, x - 2], x + 2 - u[y, x + 2]
+            steep[y, x] = valid[y, x - 2] and valid[y, x + 2] and after - before <= 2
+    shown, hidden = backend.shown(Sparse(backend.plane(u), valid))
+    assert (shown == (valid & ~unobserved)).all()
+    assert (hidden == (valid & unobserved | steep)).all()
+    assert width < 40 or (0.1 < steep.mean() < 0.9 and (valid & unobserved & ~steep).any())
+
+
 def test_the_highest_provenance_that_applies_is_stored(backend):
     known = np.array([[True, True, True, False, True]])
     initial = Sparse(np.array([[0.9, 1.0, 1.0, 0.0, 1.0]]), known)

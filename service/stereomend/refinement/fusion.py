@@ -36,7 +36,6 @@ from stereomend.refinement.stage_params import FusionParams
 _AROUND_HIDDEN = 2  # px that a descriptor and its window see of what is hidden
 _BESIDE_HIDDEN = 4  # px that a window sees of it where two readings are compared
 _WINDOW = 27, 7  # px, and rows `ROWS_APART`; a few matches of GDR's together may be there by chance
-_STEEP = 2.0  # px of rise over 4: the right image shows them on 2
 _AROUND_GLINTS = 4  # px
 
 
@@ -88,28 +87,28 @@ class _Judge:
 def fuse(scene: Scene, maps: Readings, params: RefineParams, backend: Backend) -> Fused:
     """Choose between the upload and GDR's map."""
     judge = _Judge(scene, params.fusion, params.processing_scale, backend)
-    rivals = _rivals(judge, maps)
+    rivals, hidden = _rivals(judge, maps)
     glints = _grown(~scene.matte, _AROUND_GLINTS)
     spoilt = glints | _grown(~(rivals.upload_shown & rivals.u_shown), _AROUND_HIDDEN)
     polls = backend.poll(rivals, scene.matte, spoilt, PollRule.of(params.fusion, judge.scale))
     choice = ChoiceRule.of(params.fusion, judge.scale, maps.u.size, maps.grain_px)
-    share = backend.choose(rivals, _grounds(judge, rivals, polls, glints), choice)
+    share = backend.choose(rivals, _grounds(judge, rivals, polls, glints, hidden), choice)
     kept = without_chance(share, rivals, params.fusion.least_believed)
     return Fused(_continued(judge, maps.u, polls), kept, maps.upload)
 
 
-def _rivals(judge: _Judge, maps: Readings) -> Rivals:
+def _rivals(judge: _Judge, maps: Readings) -> tuple[Rivals, Mask]:
+    """Both maps, and what the upload hides or hardly shows, (H, W)."""
     (left, right), backend, upload = judge.scene[:2], judge.backend, maps.upload
     for_upload, for_u = backend.evidence(left, right, (upload.u, maps.u))
-    shown, u_shown = upload.valid & ~backend.unobserved(upload.u), ~backend.unobserved(maps.u)
-    return Rivals(*upload, maps.u, for_upload, for_u, shown, u_shown)
+    shown, hidden = backend.shown(upload)
+    return Rivals(*upload, maps.u, for_upload, for_u, shown, ~backend.unobserved(maps.u)), hidden
 
 
-def _grounds(judge: _Judge, rivals: Rivals, polls: Polls, glints: Mask) -> Grounds:
+def _grounds(judge: _Judge, rivals: Rivals, polls: Polls, glints: Mask, hidden: Mask) -> Grounds:
     scene, backend = judge.scene, judge.backend
     level, equal, usual = backend.ground(polls, scene.size, GroundRule.of(judge.params, scene.size[1]))
     edge = np.ones_like(rivals.u) if scene.edge is None else scene.edge
-    hidden = (rivals.valid & ~rivals.upload_shown) | hardly_shown(rivals.upload, rivals.valid)
     inside = hidden & ~_grown(~hidden, _BESIDE_HIDDEN)
     beside = _grown(hidden, _BESIDE_HIDDEN) & ~(inside & _seen_through(judge, rivals, hidden, usual))
     return Grounds(level, equal, usual, edge, glints, beside)
@@ -148,13 +147,6 @@ def without_chance(share: Plane, rivals: Rivals, least: float) -> Plane:
     kept = share.copy()
     kept[strip][beyond] = 0
     return kept
-
-
-def hardly_shown(u: Plane, valid: Mask) -> Mask:
-    """Where u (H, W), 0 if not valid, is so steep that the right image has half as many pixels for it."""
-    found = np.zeros(valid.shape, np.bool_)
-    np.logical_and(u[:, 4:] - u[:, :-4] >= _STEEP, valid[:, :-4], out=found[:, 2:-2])
-    return found
 
 
 def _continued(judge: _Judge, u: Plane, polls: Polls) -> Plane:

@@ -223,6 +223,14 @@ class Backend(Protocol):
         """
         ...
 
+    def shown(self, sparse: Sparse) -> tuple[Mask, Mask]:
+        """Pixels (H, W) of a map that are seen in the right image; those that are not, or hardly.
+
+        Hardly: the map, 0 px where it is not valid, rises so steeply, by 2 px over 4, that the right image
+        has half as many pixels for it. Both are of valid pixels, the latter of those 2 px left of it.
+        """
+        ...
+
     def tell(self, u: Plane, origins: Origins) -> tuple[npt.NDArray[np.uint8], list[int]]:
         """Values of `Provenance` for a map at input size, (H, W) px, and how many pixels have each.
 

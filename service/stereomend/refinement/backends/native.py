@@ -233,6 +233,10 @@ class NativeBackend:
         """See `Backend.unobserved`."""
         return self._engine.unobserved(self.plane(u))
 
+    def shown(self, sparse: Sparse) -> tuple[Mask, Mask]:
+        """See `Backend.shown`."""
+        return self._engine.shown(self.plane(sparse.u), _flags(sparse.valid))
+
     def tell(self, u: Plane, origins: Origins) -> tuple[npt.NDArray[np.uint8], list[int]]:
         """See `Backend.tell`."""
         initial, kept, scene, within = origins

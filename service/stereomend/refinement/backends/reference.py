@@ -279,6 +279,14 @@ class ReferenceBackend:
         unseen: Mask = hidden | (column < 0) | (column > width - 1)
         return unseen
 
+    def shown(self, sparse: Sparse) -> tuple[Mask, Mask]:
+        """See `Backend.shown`."""
+        u, valid = self.plane(sparse.u), sparse.valid
+        unobserved = self.unobserved(u)
+        hidden: Mask = valid & unobserved
+        hidden[:, 2:-2] |= (u[:, 4:] - u[:, :-4] >= 2) & valid[:, :-4]
+        return valid & ~unobserved, hidden
+
     def tell(self, u: Plane, origins: Origins) -> tuple[npt.NDArray[np.uint8], list[int]]:
         """See `Backend.tell`."""
         return sizes.tell(u, self.unobserved(u), origins)
