@@ -111,18 +111,20 @@ void look(const float* w, const Front& before, float limit, int width, const Fro
     }
 }
 
-void look_along(const float* w, float limit, int width, float* east, float* west) {
-    float value = kNone;
-    float steps = 0.0f;
-    const auto step = [&](int x) {
-        const bool known = w[x] < kNone;
-        steps = known ? 0.0f : steps + 1.0f;
-        value = known ? w[x] : (steps <= limit ? value : kNone);
-        return value;
-    };
-    for (int x = 0; x < width; ++x) west[x] = step(x);
-    value = kNone;
-    for (int x = width - 1; x >= 0; --x) east[x] = step(x);
+// Only in holes: elsewhere nobody asks.
+void look_along(const float* w, int limit, int width, float* east, float* west) {
+    for (int end = 0; end < width;) {
+        int begin = end;
+        while (begin < width && w[begin] < kNone) ++begin;
+        end = begin;
+        while (end < width && !(w[end] < kNone)) ++end;
+        const int length = end - begin;
+        const int far = length > limit ? length - limit : 0;
+        const float before = begin > 0 ? w[begin - 1] : kNone;
+        const float after = end < width ? w[end] : kNone;
+        for (int k = 0; k < length; ++k) west[begin + k] = k < limit ? before : kNone;
+        for (int k = 0; k < length; ++k) east[begin + k] = k >= far ? after : kNone;
+    }
 }
 
 PIXEL_FN void order(float& a, float& b) {
@@ -274,9 +276,11 @@ uint64_t flood_down(uint64_t reached, uint64_t links) {
 }
 
 // Floods `count` pixels from column x of row y on; `entry`: whether the one beside them, on the side of `back`, is
-// reached. Returns what is reached.
+// reached. Returns what is reached: at least the first of them as the lowest bit, the last as the highest.
 uint64_t flood(const Terrain& terrain, int y, int x, int count, long back, bool entry, bool* reached) {
     const long i = offset_of(terrain.size, y) + x;
+    if (!memchr(terrain.passing + i, true, count))
+        return uint64_t{reached[i + count - 1]} << 63 | uint64_t{reached[i]};
     uint8_t links[64] = {};
     uint8_t flags[64] = {};
     const bool first = back > 0 && x == 0;
@@ -314,6 +318,7 @@ void reach_across(const Terrain& terrain, int from, int y, Rows columns, bool* r
     for (int x = 0; x < count; x += 64) {
         uint8_t links[64];
         const int some = count - x < 64 ? count - x : 64;
+        if (!memchr(terrain.passing + i + x, true, some)) continue;
         find_links(terrain, i + x, back, some, links);
 #pragma GCC ivdep
         for (int k = 0; k < some; ++k) target[x + k] |= target[x + k - back] & links[k];

@@ -77,8 +77,8 @@ struct LdrSweeps {
     void (*confidence_row)(const ConfidenceInput&, const ConfidenceParams&, int y, const WindowSums&, float* out);
     // What is met in the pixels of a row [out] from what was met in the row before; w: the map's row.
     void (*look)(const float* w, const Front& before, float limit, int width, const Front& now);
-    // The same to the right (east) and to the left (west) in the row itself.
-    void (*look_along)(const float* w, float limit, int width, float* east, float* west);
+    // What is met by the holes of a row to their right (east) and left (west) [out; elsewhere nothing is written].
+    void (*look_along)(const float* w, int limit, int width, float* east, float* west);
     // Whether a row has any.
     bool (*has_hole)(const float* w, int begin, int end);
     // Replaces holes of w by the median of what was met in eight directions; returns whether any hole remains.
