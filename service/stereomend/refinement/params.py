@@ -48,8 +48,8 @@ PRESETS: Mapping[str, Preset] = MappingProxyType(
             GdrParams(
                 data_weight=1.0,
                 levels=16,
-                warps=2,
-                iterations=12,
+                warps=1,
+                iterations=20,
                 coarse_warps=8,
                 coarse_iterations=8,
                 averaging_px=3.5,
