@@ -69,32 +69,31 @@ void choose(const Rivals& rivals, const Grounds& grounds, const ChoiceRule& rule
         gang.meet();
         return std::accumulate(counts.begin(), counts.end(), 0L);
     };
+    // Along rows, then along columns: ends with a meeting.
+    const auto walk = [&](int member) {
+        const Rows rows = gang.rows(member);
+        for (int y = rows.begin; y < rows.end; ++y) gang.crew.ldr.reach_along(terrain, y, choice.reached);
+        gang.meet();
+        walk_columns(terrain, member, gang, choice.reached);
+        gang.meet();
+    };
     gang.run([&](int member) {
         const Rows rows = gang.rows(member);
         float* scratch = gang.scratch(member);
         for (int y = rows.begin; y < rows.end; ++y)
             crew.sweeps.look(rivals, rule, y, scratch, choice);
         gang.meet();
-        for (int y = rows.begin; y < rows.end; ++y) {
-            crew.sweeps.settle(rivals, grounds, rule, y, scratch, choice);
-            gang.crew.ldr.reach_along(terrain, y, choice.reached);
-        }
-        gang.meet();
+        for (int y = rows.begin; y < rows.end; ++y) crew.sweeps.settle(rivals, grounds, rule, y, scratch, choice);
+        walk(member);
         gang.crew.sweeps.label(steps, patches, rows, gang.flags(member));
-        gang.meet();
-        walk_columns(terrain, member, gang, choice.reached);
-        if (member == 0) join_bands(patches, gang);
-        gang.meet();
         for (int y = rows.begin; y < rows.end; ++y) crew.sweeps.narrow(rivals, y, choice);
         long before = -1;
-        for (long now = known(member, choice.reached); now != before;) {
+        for (long now = known(member, choice.reached); now != before; now = known(member, choice.reached)) {
             before = now;
-            for (int y = rows.begin; y < rows.end; ++y) gang.crew.ldr.reach_along(terrain, y, choice.reached);
-            gang.meet();
-            walk_columns(terrain, member, gang, choice.reached);
-            gang.meet();
-            now = known(member, choice.reached);
+            walk(member);
         }
+        if (member == 0) join_bands(patches, gang);
+        gang.meet();
         for (int y = rows.begin; y < rows.end; ++y) {
             bool* small = gang.row_of_flags(member);
             std::fill(small, small + width, false);
