@@ -1,6 +1,6 @@
 """What is no request, or does not end: answered with a problem document, and the connection ended."""
 
-from itertools import count, islice
+from itertools import count, islice, repeat
 
 import httpx
 import pytest
@@ -49,6 +49,34 @@ def test_what_does_not_end_is_ended(server, connect, what):
     with connect(server) as connection, pytest.raises(ConnectionError):
         send_all(connection, pieces)
     assert httpx.get(f"{server.url}/livez").status_code == 200
+
+
+NOBODY_READS = [
+    b"GET /livez",
+    b"DELETE /v1/refine",
+    b"POST /v1/nothing",
+    b"POST /v1/jobs/unknown/cancel",
+    b"DELETE /v1/jobs/unknown",
+    b"POST /v1/refine",
+]
+
+
+@pytest.mark.parametrize("request_line", NOBODY_READS)
+def test_a_body_that_nobody_reads_is_ended_too(serving, connect, request_line):
+    begin = request_line + b" HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\n"
+    chunk = b"3e8\r\n" + PIECE + b"\r\n"
+    with serving(max_upload_mb=1) as server, connect(server) as connection:
+        send_all(connection, islice(endless(begin, lambda _: chunk), 1000))
+        assert connection.recv(9) == b"HTTP/1.1 "
+        with pytest.raises(ConnectionError):
+            send_all(connection, repeat(chunk, 64_000))
+
+
+def test_an_answer_before_its_body_is_seen(serving):
+    with serving(max_upload_mb=1) as server, httpx.Client(base_url=server.url) as client:
+        for _ in range(2):
+            answer = client.post("/v1/jobs/unknown/cancel", content=bytes(1 << 20))
+            assert answer.status_code == 404
 
 
 def test_headers_up_to_the_bound_are_read(server):

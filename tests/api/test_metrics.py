@@ -60,8 +60,11 @@ def test_stages_add_up_to_what_the_answers_told(serving, post):
     assert found["request_seconds_count", "POST", "/v1/refine", "200"] == 4
 
 
-def test_refusals_are_counted_by_what_they_are(serving, post):
+def test_refusals_are_counted_by_what_they_are(serving, post, connect):
     with serving(max_upload_mb=1) as server:
+        with connect(server) as connection:
+            connection.sendall(b"nonsense\r\n\r\n")
+            assert connection.recv(1000).startswith(b"HTTP/1.1 400")
         for _ in range(2):
             post(server, params={"preset": "none"})
         post(server, accept="image/webp")
@@ -71,7 +74,9 @@ def test_refusals_are_counted_by_what_they_are(serving, post):
         httpx.get(f"{server.url}/nothing")
         found = scrape(server)
     counted = {labels[0]: value for (name, *labels), value in found.items() if name == "refusals_total"}
+    assert found["request_seconds_count", "-", "-", "400"] == 1
     assert counted == {
+        "malformed-request": 1,
         "invalid-parameter": 2,
         "not-acceptable": 1,
         "body-too-large": 1,

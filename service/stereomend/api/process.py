@@ -11,7 +11,7 @@ import uvicorn
 import uvloop
 
 from stereomend.api.app import create_app, running
-from stereomend.api.protocol import BoundedProtocol
+from stereomend.api.protocol import protocol_with
 from stereomend.api.state import Service
 from stereomend.api.tls import tls_context
 from stereomend.errors import ConfigurationError
@@ -58,7 +58,7 @@ async def _serve(settings: Settings, listener: socket.socket, lifeline: socket.s
     # The lifespan is run here and not by uvicorn, which would swallow a ConfigurationError.
     config = uvicorn.Config(
         app,
-        http=BoundedProtocol,
+        http=protocol_with(settings.max_upload_mb << 20, app.state.service.meters),
         lifespan="off",
         log_config=None,
         access_log=False,
