@@ -56,7 +56,7 @@ def _run(name: str, run: Callable[[Path], Trial]) -> Trial:
         trial = run(Path(folder))
         trial.seconds = time.monotonic() - began
         if trial.faults:
-            print((Path(folder) / "service.log").read_text()[-4000:], file=sys.stderr)
+            print(next(Path(folder).rglob("service.log")).read_text()[-4000:], file=sys.stderr)
     done = ", ".join(f"{what} {times}" for what, times in trial.kills.items())
     attempts = ", ".join(f"{jobs} in {count}" for count, jobs in sorted(trial.attempts.items()))
     print(f"{name}: {done}; {trial.jobs} jobs, by attempts: {attempts}; {trial.seconds:.0f} s", flush=True)

@@ -16,7 +16,7 @@ from trials.killing import SETTINGS, Trial
 from trials.service import Service, service, until
 from trials.work import Client, Told, kinds, look_again
 
-DISK_MB = 24
+DISK_MB = 128
 
 
 @contextmanager

@@ -39,6 +39,21 @@ def test_an_idle_worker_that_is_killed_is_replaced(serving, post, eventually):
         eventually(lambda: httpx.get(f"{server.url}/readyz").status_code == 200)
 
 
+def test_a_server_that_stood_still_gives_up_no_worker(serving, submit, eventually):
+    with serving(lease_s=1) as server:
+        job = submit(server, params=ENDLESS).json()
+        look = f"{server.url}/v1/jobs/{job['id']}"
+        eventually(lambda: httpx.get(look).json()["state"] == "running")
+        api, workers = server.api, server.workers()
+        os.kill(api, signal.SIGSTOP)
+        time.sleep(3)
+        os.kill(api, signal.SIGCONT)
+        time.sleep(1)
+        assert httpx.get(look).json()["attempt"] == 1
+        assert server.workers() == workers
+        httpx.delete(look)
+
+
 def test_the_server_answers_while_a_refinement_runs(serving, occupy):
     with serving(work_limit_s=2) as server:
         reply = occupy(server)

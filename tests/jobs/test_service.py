@@ -32,7 +32,7 @@ from stereomend.refinement import select_backend
 from stereomend.settings import load_settings
 
 NPY = "application/x-npy"
-SLOW = {"gdr": {"warps": 100, "iterations": 60, "levels": 1}, "processing_scale": 1.0}
+SLOW = {"gdr": {"warps": 400, "iterations": 60, "levels": 1}, "processing_scale": 1.0}
 ENDLESS = {"gdr": {"warps": 1000, "iterations": 1000, "levels": 1}, "processing_scale": 1.0}
 
 

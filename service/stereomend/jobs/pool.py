@@ -38,6 +38,8 @@ T = TypeVar("T")
 
 LONGEST_PAUSE_S = 5.0
 """Between two attempts to start a worker that keeps dying."""
+_QUARTERS = 4
+"""Of a lease, over which nothing is heard of a worker that is given up."""
 GRACE_S = 5.0
 """What `stop` leaves to the tasks that run."""
 
@@ -288,10 +290,15 @@ class WorkerPool:
             self._at_work.pop(ticket, None)
 
     async def _listen(self, worker: WorkerProcess, ticket: Ticket) -> None:
-        """Give a worker up that was silent for so long that its lease is over."""
+        """Give a worker up that was silent for so long that its lease is over.
+
+        In quarters: this process may stand still itself, and wakes up before it hears what came meanwhile.
+        """
         lease_s = self._settings.lease_s
-        while (left := ticket.heard_at + lease_s - perf_counter()) > 0:
-            await asyncio.sleep(left)
+        heard_at, left = ticket.heard_at, _QUARTERS
+        while left:
+            await asyncio.sleep(lease_s / _QUARTERS)
+            heard_at, left = ticket.heard_at, left - 1 if ticket.heard_at == heard_at else _QUARTERS
         worker.give_up(lease_s)
 
     def _done(self, worker: WorkerProcess, ticket: Ticket, outcome: Answer | StereomendError) -> None:

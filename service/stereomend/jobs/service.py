@@ -7,6 +7,7 @@ import logging
 import math
 from collections.abc import Awaitable, Callable, Coroutine, Sequence
 from dataclasses import replace
+from time import monotonic
 from typing import Any, NamedTuple, TypeVar
 
 from stereomend.codec import render
@@ -368,7 +369,10 @@ def _no_result(record: JobRecord) -> StereomendError:
 
 async def _every(seconds: float, chore: Callable[[], Awaitable[object]]) -> None:
     while True:
+        began = monotonic()
         await asyncio.sleep(seconds)
+        if monotonic() - began > 2 * seconds:
+            continue  # This process stood still: first leases are renewed, of work that went on.
         try:
             await chore()
         except Unavailable as error:
