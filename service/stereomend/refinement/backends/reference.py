@@ -271,21 +271,11 @@ class ReferenceBackend:
 
     def unobserved(self, u: Plane) -> Mask:
         """See `Backend.unobserved`."""
-        width = u.shape[1]
-        column = np.arange(width) - self.plane(u)
-        leftmost = np.minimum.accumulate(column[:, ::-1], axis=1)[:, ::-1]
-        hidden = np.zeros(u.shape, np.bool_)
-        hidden[:, :-1] = leftmost[:, 1:] <= column[:, :-1] - 1
-        unseen: Mask = hidden | (column < 0) | (column > width - 1)
-        return unseen
+        return parts.unobserved(self.plane(u))
 
     def shown(self, sparse: Sparse) -> tuple[Mask, Mask]:
         """See `Backend.shown`."""
-        u, valid = self.plane(sparse.u), sparse.valid
-        unobserved = self.unobserved(u)
-        hidden: Mask = valid & unobserved
-        hidden[:, 2:-2] |= (u[:, 4:] - u[:, :-4] >= 2) & valid[:, :-4]
-        return valid & ~unobserved, hidden
+        return parts.shown(self.plane(sparse.u), sparse.valid)
 
     def tell(self, u: Plane, origins: Origins) -> tuple[npt.NDArray[np.uint8], list[int]]:
         """See `Backend.tell`."""

@@ -114,3 +114,22 @@ def smoothness(u: Array, valid: Mask, params: LdrParams) -> Array:
     deviation = np.divide(np.abs(u - mean), mean, out=np.full_like(u, np.inf), where=mean > 0)
     with np.errstate(invalid="ignore"):
         return np.where(mean > 0, np.maximum(0, 1 - params.smoothness_weight * deviation), 0.0)
+
+
+def unobserved(u: Array) -> Mask:
+    """See `Backend.unobserved`."""
+    width = u.shape[1]
+    column = np.arange(width) - u
+    leftmost = np.minimum.accumulate(column[:, ::-1], axis=1)[:, ::-1]
+    hidden = np.zeros(u.shape, np.bool_)
+    hidden[:, :-1] = leftmost[:, 1:] <= column[:, :-1] - 1
+    unseen: Mask = hidden | (column < 0) | (column > width - 1)
+    return unseen
+
+
+def shown(u: Array, valid: Mask) -> tuple[Mask, Mask]:
+    """See `Backend.shown`."""
+    unseen = unobserved(u)
+    hidden: Mask = valid & unseen
+    hidden[:, 2:-2] |= (u[:, 4:] - u[:, :-4] >= 2) & valid[:, :-4]
+    return valid & ~unseen, hidden
