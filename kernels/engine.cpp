@@ -52,6 +52,15 @@ int pieces_of(int height) { return (height + kPiece - 1) / kPiece; }
 
 Rows piece_of(int height, int piece) { return {piece * kPiece, std::min((piece + 1) * kPiece, height)}; }
 
+// Runs body(offset) for every row, by whoever is free.
+template <class Body>
+void each_row(Team& team, Size size, const Body& body) {
+    team.share(pieces_of(size.height), [&](int, int piece) {
+        const Rows rows = piece_of(size.height, piece);
+        for (int y = rows.begin; y < rows.end; ++y) body(static_cast<size_t>(y) * size.width);
+    });
+}
+
 Laps plan_laps(const Level& level, const SolverParams& params, int crew) {
     const int length = lap_length(level, params, crew);
     return {length, (params.iterations + length - 1) / length, crew};
@@ -257,24 +266,13 @@ long Engine::see(int width, const Reading& reading, Rows rows, bool* seen, long*
 
 void Engine::unobserved(Size size, const float* u, bool* out) {
     const Turn turn(*this);
-    team_.share(pieces_of(size.height), [&](int, int piece) {
-        const Rows rows = piece_of(size.height, piece);
-        for (int y = rows.begin; y < rows.end; ++y) {
-            const size_t o = static_cast<size_t>(y) * size.width;
-            ldr_.sweeps.unobserved_row(u + o, size.width, out + o);
-        }
-    });
+    each_row(team_, size, [&](size_t o) { ldr_.sweeps.unobserved_row(u + o, size.width, out + o); });
 }
 
 void Engine::shown(Size size, const float* u, const bool* valid, bool* shown, bool* hidden) {
     const Turn turn(*this);
-    team_.share(pieces_of(size.height), [&](int, int piece) {
-        const Rows rows = piece_of(size.height, piece);
-        for (int y = rows.begin; y < rows.end; ++y) {
-            const size_t o = static_cast<size_t>(y) * size.width;
-            ldr_.sweeps.shown_row(u + o, valid + o, size.width, shown + o, hidden + o);
-        }
-    });
+    each_row(team_, size,
+             [&](size_t o) { ldr_.sweeps.shown_row(u + o, valid + o, size.width, shown + o, hidden + o); });
 }
 
 void Engine::confidence(const ConfidenceInput& input, const ConfidenceParams& params, float* out) {

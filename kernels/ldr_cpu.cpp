@@ -327,7 +327,7 @@ void reach_across(const Terrain& terrain, int from, int y, Rows columns, bool* r
 
 }  // namespace
 
-extern const LdrSweeps LDR_SWEEPS = {unobserved_row, shown_row, sum_along, confidence_row, look, look_along, has_hole, fill_row,
-                                    fill_occlusions, reach_along, reach_across};
+extern const LdrSweeps LDR_SWEEPS = {unobserved_row, shown_row, sum_along, confidence_row, look, look_along, has_hole,
+                                    fill_row, fill_occlusions, reach_along, reach_across};
 
 }  // namespace stereomend
